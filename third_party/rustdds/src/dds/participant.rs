@@ -3,7 +3,7 @@ use std::{
   collections::HashMap,
   io,
   io::ErrorKind,
-  net::{IpAddr, Ipv4Addr},
+  net::{IpAddr, Ipv4Addr, SocketAddr},
   pin::Pin,
   sync::{atomic, Arc, Mutex, RwLock, Weak},
   task::{Context, Poll},
@@ -37,7 +37,10 @@ use crate::{
     discovery_db::DiscoveryDB,
     sedp_messages::{DiscoveredReaderData, DiscoveredTopicData, DiscoveredWriterData},
   },
-  network::{constant::*, udp_listener::UDPListener},
+  network::{
+    constant::*,
+    udp_listener::{PacketFilter, UDPListener},
+  },
   polling::{
     ready_channel, wake_channel, wake_channel_unbounded, LoopWaker, ReadySender, WakeReceiver,
     WakeSender, WakeUnboundedSender,
@@ -78,6 +81,10 @@ pub struct DomainParticipantBuilder {
 
   same_host_loopback: bool, // prefer loopback for same-host peers + localhost SPDP discovery peers
 
+  listen_address: Ipv4Addr, // local address of unicast sockets
+
+  packet_filter: Option<PacketFilter>,
+
   socket_receive_buffer_size: usize,
   socket_send_buffer_size: usize,
 
@@ -93,6 +100,8 @@ impl DomainParticipantBuilder {
       domain_id,
       only_networks: None,
       same_host_loopback: true,
+      listen_address: Ipv4Addr::UNSPECIFIED,
+      packet_filter: None,
       socket_receive_buffer_size: Self::DEFAULT_SOCKET_RECEIVE_BUFFER_SIZE,
       socket_send_buffer_size: Self::DEFAULT_SOCKET_SEND_BUFFER_SIZE,
       #[cfg(feature = "security")]
@@ -109,7 +118,8 @@ impl DomainParticipantBuilder {
   /// multicast joins, multicast sends, and unicast locator advertisement.
   ///
   /// This is not a hard transport-level ACL: unicast sockets still bind to
-  /// wildcard addresses for the selected ports.
+  /// the address of [`Self::listen_address`]. Where no interface for multicast
+  /// is left, there is no multicast socket.
   pub fn with_only_networks(mut self, addrs: impl IntoIterator<Item = impl Into<IpAddr>>) -> Self {
     self.only_networks = Some(addrs.into_iter().map(Into::into).collect());
     self
@@ -126,6 +136,26 @@ impl DomainParticipantBuilder {
   /// `src/rtps/loopback_same_host_design.md`.
   pub fn same_host_loopback(mut self, enabled: bool) -> Self {
     self.same_host_loopback = enabled;
+    self
+  }
+
+  /// The local address that unicast sockets are bound to (default: `0.0.0.0`).
+  /// `127.0.0.1` keeps packets of other machines out. Multicast sockets are
+  /// bound to the address of their group in any case.
+  pub fn listen_address(mut self, address: Ipv4Addr) -> Self {
+    self.listen_address = address;
+    self
+  }
+
+  /// Has `filter` look at each datagram before anything else does: its bytes,
+  /// which it may change, and its source, if known. What it returns `false` for
+  /// is dropped, as if the network had lost it. It is called in the event loop's
+  /// thread and should neither block nor take long.
+  pub fn packet_filter(
+    mut self,
+    filter: impl FnMut(&mut [u8], Option<SocketAddr>) -> bool + Send + 'static,
+  ) -> Self {
+    self.packet_filter = Some(Box::new(filter));
     self
   }
 
@@ -344,6 +374,8 @@ impl DomainParticipantBuilder {
       self.socket_send_buffer_size,
       self.only_networks,
       self.same_host_loopback,
+      self.listen_address,
+      self.packet_filter,
       dp_waker,
       discovery_sample_sender,
     )?;
@@ -977,6 +1009,8 @@ impl DomainParticipantDisc {
     socket_send_buffer_size: usize,
     only_networks: Option<Vec<IpAddr>>,
     same_host_loopback: bool,
+    listen_address: Ipv4Addr,
+    packet_filter: Option<PacketFilter>,
     dp_waker: LoopWaker,
     discovery_sample_sender: ReadySender<mio1::Token>,
   ) -> CreateResult<Self> {
@@ -994,6 +1028,8 @@ impl DomainParticipantDisc {
       socket_send_buffer_size,
       only_networks,
       same_host_loopback,
+      listen_address,
+      packet_filter,
       dp_waker,
       discovery_sample_sender,
     )?;
@@ -1236,6 +1272,8 @@ impl DomainParticipantInner {
     socket_send_buffer_size: usize,
     only_networks: Option<Vec<IpAddr>>,
     same_host_loopback: bool,
+    listen_address: Ipv4Addr,
+    packet_filter: Option<PacketFilter>,
     dp_waker: LoopWaker,
     discovery_sample_sender: ReadySender<mio1::Token>,
   ) -> CreateResult<Self> {
@@ -1247,7 +1285,6 @@ impl DomainParticipantInner {
     let mut listeners = HashMap::new();
 
     match UDPListener::new_multicast_with_buf_size(
-      "0.0.0.0",
       spdp_well_known_multicast_port(domain_id),
       Ipv4Addr::new(239, 255, 0, 1),
       socket_receive_buffer_size,
@@ -1267,7 +1304,7 @@ impl DomainParticipantInner {
     // Numbers"
     while discovery_listener.is_none() && participant_id < 120 {
       discovery_listener = UDPListener::new_unicast_with_buf_size(
-        "0.0.0.0",
+        listen_address,
         spdp_well_known_unicast_port(domain_id, participant_id),
         socket_receive_buffer_size,
       )
@@ -1289,7 +1326,6 @@ impl DomainParticipantInner {
     // Now the user traffic listeners
 
     match UDPListener::new_multicast_with_buf_size(
-      "0.0.0.0",
       user_traffic_multicast_port(domain_id),
       Ipv4Addr::new(239, 255, 0, 1),
       socket_receive_buffer_size,
@@ -1302,7 +1338,7 @@ impl DomainParticipantInner {
     }
 
     let user_traffic_listener = UDPListener::new_unicast_with_buf_size(
-      "0.0.0.0",
+      listen_address,
       user_traffic_unicast_port(domain_id, participant_id),
       socket_receive_buffer_size,
     )
@@ -1310,7 +1346,7 @@ impl DomainParticipantInner {
       if matches!(e.kind(), ErrorKind::AddrInUse) {
         // If we do not get the preferred listening port,
         // try again, with "any" port number.
-        UDPListener::new_unicast_with_buf_size("0.0.0.0", 0, socket_receive_buffer_size).or_else(
+        UDPListener::new_unicast_with_buf_size(listen_address, 0, socket_receive_buffer_size).or_else(
           |e| {
             create_error_out_of_resources!(
               "Could not open unicast user traffic listener, any port number: {:?}",
@@ -1412,6 +1448,8 @@ impl DomainParticipantInner {
           only_networks_for_ev_loop,
           socket_send_buffer_size,
           same_host_loopback,
+          listen_address,
+          packet_filter,
           reader_ready_rx,
           writer_ready_rx,
           dp_waker,

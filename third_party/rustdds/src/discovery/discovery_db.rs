@@ -16,7 +16,7 @@ use crate::{
     topic::{Topic, TopicDescription},
   },
   rtps::{
-    reader::ReaderIngredients, rtps_reader_proxy::RtpsReaderProxy,
+    constant::MAX_ATTIC_ENDPOINTS, reader::ReaderIngredients, rtps_reader_proxy::RtpsReaderProxy,
     rtps_writer_proxy::RtpsWriterProxy,
   },
   structure::{
@@ -247,6 +247,13 @@ impl DiscoveryDB {
         &mut self.external_topic_writers,
         &mut self.external_topic_writers_attic,
       );
+      // Most never come back.
+      if self.external_topic_readers_attic.len() + self.external_topic_writers_attic.len()
+        > MAX_ATTIC_ENDPOINTS
+      {
+        self.external_topic_readers_attic.clear();
+        self.external_topic_writers_attic.clear();
+      }
     }
   }
 

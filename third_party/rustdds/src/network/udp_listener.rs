@@ -4,9 +4,8 @@ use std::{
   net::{IpAddr, Ipv4Addr, SocketAddr},
 };
 
-use log::{debug, error, info, trace, warn};
+use log::{debug, error, info, warn};
 use socket2::{Domain, Protocol, SockAddr, Socket, Type};
-use bytes::{Bytes, BytesMut};
 
 use crate::{
   network::util::{
@@ -14,7 +13,6 @@ use crate::{
     get_local_multicast_locators, get_local_unicast_locators_filtered,
   },
   rtps::transmit::InterfaceSelector,
-  serialization::padding_needed_for_alignment_4,
   structure::locator::Locator,
 };
 
@@ -30,6 +28,10 @@ pub struct PacketOrigin {
   pub local_if: Option<InterfaceSelector>,
 }
 
+/// What looks at each datagram before it is parsed: its bytes, and its source if
+/// known. `false` drops it.
+pub type PacketFilter = Box<dyn FnMut(&mut [u8], Option<SocketAddr>) -> bool + Send>;
+
 impl PacketOrigin {
   /// An origin with no captured metadata (forces the legacy send fallback).
   #[allow(dead_code)] // Used by tests and the loopback path; harmless if unused in a given build.
@@ -40,16 +42,14 @@ impl PacketOrigin {
 }
 
 const MAX_MESSAGE_SIZE: usize = 64 * 1024; // This is max we can get from UDP.
-const MESSAGE_BUFFER_ALLOCATION_CHUNK: usize = 256 * 1024; // must be >= MAX_MESSAGE_SIZE
-static_assertions::const_assert!(MESSAGE_BUFFER_ALLOCATION_CHUNK > MAX_MESSAGE_SIZE);
 
 /// Listens to messages coming to specified host port combination.
-/// Only messages from added listen addressed are read when get_all_messages is
-/// called.
 #[derive(Debug)]
 pub struct UDPListener {
   socket: mio1::net::UdpSocket,
-  receive_buffer: BytesMut,
+  // One datagram. What is kept of it is copied out, so that a small sample that
+  // stays in a cache does not hold on to a large buffer.
+  receive_buffer: Box<[u8]>,
   multicast_group: Option<Ipv4Addr>,
   has_multicast_join: bool,
   // Cached OS interface-index -> local interface map, used to resolve the
@@ -72,7 +72,7 @@ impl Drop for UDPListener {
 
 impl UDPListener {
   fn new_listening_socket(
-    host: &str,
+    host: Ipv4Addr,
     port: u16,
     reuse_addr: bool,
     recv_buffer_size: usize,
@@ -144,7 +144,7 @@ impl UDPListener {
       }
     }
 
-    let address = SocketAddr::new(host.parse().map_err(io::Error::other)?, port);
+    let address = SocketAddr::from((host, port));
 
     if let Err(e) = raw_socket.bind(&SockAddr::from(address)) {
       info!("new_socket - cannot bind socket: {e:?}");
@@ -181,11 +181,11 @@ impl UDPListener {
 
   #[cfg(test)]
   pub fn new_unicast(host: &str, port: u16) -> io::Result<Self> {
-    Self::new_unicast_with_buf_size(host, port, 0)
+    Self::new_unicast_with_buf_size(host.parse().map_err(io::Error::other)?, port, 0)
   }
 
   pub fn new_unicast_with_buf_size(
-    host: &str,
+    host: Ipv4Addr,
     port: u16,
     recv_buffer_size: usize,
   ) -> io::Result<Self> {
@@ -193,7 +193,7 @@ impl UDPListener {
 
     Ok(Self {
       socket: mio_socket,
-      receive_buffer: BytesMut::with_capacity(MESSAGE_BUFFER_ALLOCATION_CHUNK),
+      receive_buffer: vec![0; MAX_MESSAGE_SIZE].into_boxed_slice(),
       multicast_group: None,
       has_multicast_join: false,
       ifindex_map: build_ifindex_to_interface_map(),
@@ -201,12 +201,11 @@ impl UDPListener {
   }
 
   #[cfg(test)]
-  pub fn new_multicast(host: &str, port: u16, multicast_group: Ipv4Addr) -> io::Result<Self> {
-    Self::new_multicast_with_buf_size(host, port, multicast_group, 0, None)
+  pub fn new_multicast(port: u16, multicast_group: Ipv4Addr) -> io::Result<Self> {
+    Self::new_multicast_with_buf_size(port, multicast_group, 0, None)
   }
 
   pub fn new_multicast_with_buf_size(
-    host: &str,
     port: u16,
     multicast_group: Ipv4Addr,
     recv_buffer_size: usize,
@@ -216,6 +215,9 @@ impl UDPListener {
       return io::Result::Err(io::Error::other("Not a multicast address"));
     }
 
+    // Bound to the group, a socket gets nothing but what is sent to it.
+    // Windows only knows addresses of its own.
+    let host = if cfg!(windows) { Ipv4Addr::UNSPECIFIED } else { multicast_group };
     let mio_socket = Self::new_listening_socket(host, port, true, recv_buffer_size)?;
     let mut joined_multicast = false;
 
@@ -250,15 +252,16 @@ impl UDPListener {
     }
 
     if !joined_multicast {
-      warn!(
-        "No multicast joins succeeded for group {multicast_group:?}; multicast locator will not \
-         be advertised."
-      );
+      // Without a group of its own, the socket would only hear what groups of
+      // other programs bring to this host.
+      return Err(io::Error::other(format!(
+        "No multicast joins succeeded for group {multicast_group:?}"
+      )));
     }
 
     Ok(Self {
       socket: mio_socket,
-      receive_buffer: BytesMut::with_capacity(MESSAGE_BUFFER_ALLOCATION_CHUNK),
+      receive_buffer: vec![0; MAX_MESSAGE_SIZE].into_boxed_slice(),
       multicast_group: Some(multicast_group),
       has_multicast_join: joined_multicast,
       ifindex_map: build_ifindex_to_interface_map(),
@@ -308,86 +311,16 @@ impl UDPListener {
     panic!("test helper didn't recv message after ten attempts.");
   }
 
-  /// Drain up to `max_messages` datagrams waiting in the socket, each paired
-  /// with its [`PacketOrigin`] (source address + receiving interface, when
-  /// available). Pass `usize::MAX` to read everything currently queued.
+  /// Receives one datagram, with its [`PacketOrigin`] (source address and
+  /// receiving interface, when available). `None` when none is waiting.
   ///
-  /// The reactor registers listeners edge-triggered, so it must pass
-  /// `usize::MAX`: a datagram left unread does not produce another readiness
-  /// event. `Ok(None)` from [`recv_one`](Self::recv_one) (`WouldBlock`) ends
-  /// the drain.
-  pub fn messages_bounded(&mut self, max_messages: usize) -> Vec<(Bytes, PacketOrigin)> {
-    let mut messages = Vec::with_capacity(4);
-
-    loop {
-      if messages.len() >= max_messages {
-        return messages;
-      }
-      // Loop invariant. Note that capacity() may be large, but .len() == 0.
-      assert_eq!(self.receive_buffer.len(), 0);
-
-      // Ensure that receive buffer has enough capacity for a message
-      if self.receive_buffer.capacity() < MAX_MESSAGE_SIZE {
-        self.receive_buffer = BytesMut::with_capacity(MESSAGE_BUFFER_ALLOCATION_CHUNK);
-        debug!("ensure_receive_buffer_capacity - reallocated receive_buffer");
-      }
-      unsafe {
-        // This is safe, because we just checked that there is enough capacity,
-        // or allocated more.
-        // We do not read undefined data, because the recv()
-        // will overwrite this space and truncate the rest away.
-        self.receive_buffer.set_len(MAX_MESSAGE_SIZE);
-      }
-      trace!(
-        "ensure_receive_buffer_capacity - {} bytes left",
-        self.receive_buffer.capacity()
-      );
-      let (nbytes, origin) = match self.recv_one() {
-        Ok(Some(received)) => received,
-        Ok(None) => {
-          // WouldBlock: nothing (more) to read.
-          self.receive_buffer.clear();
-          return messages;
-        }
-        Err(e) => {
-          self.receive_buffer.clear();
-          warn!("socket recv() error: {e:?}");
-          return messages;
-        }
-      };
-      // Something was received.
-      // The buffer length is still MAX_MESSAGE_SIZE, set before the receive so
-      // the kernel had room to write into. Shrink it back to the number of bytes
-      // actually received, so that the padding + split below only consume this
-      // datagram's worth of the chunk. Without this, every datagram (however
-      // small) would carve off a full MAX_MESSAGE_SIZE slot, wasting the chunk
-      // and defeating the packing this alignment logic assumes.
-      unsafe {
-        // Safe: recv_one wrote `nbytes` valid bytes at the front of the buffer,
-        // and nbytes <= MAX_MESSAGE_SIZE == the current len.
-        self.receive_buffer.set_len(nbytes);
-      }
-
-      // Now, append some extra data to align the buffer end, so the next piece will
-      // be aligned also. This assumes that the initial buffer was aligned to begin
-      // with. This is because RTPS data is optimized to align to 4-byte boundaries.
-      let pad = padding_needed_for_alignment_4(self.receive_buffer.len());
-      if pad != 0 {
-        self
-          .receive_buffer
-          .extend_from_slice(&[0xCC, 0xCC, 0xCC, 0xCC][..pad]);
-        // Funny value 0xCC encourages a fast crash in case these bytes
-        // are ever accessed, as they should not.
-      }
-
-      // Now split away the used portion.
-      let mut message = self.receive_buffer.split_to(self.receive_buffer.len());
-      message.truncate(nbytes); // discard (hide) padding
-      messages.push((Bytes::from(message), origin)); // freeze bytes and push
-    } // loop
-
-    // unreachable!(); // But why does this cause a warning? (rustc 1.66.0)
-    // Answer: https://github.com/rust-lang/rust/issues/46500
+  /// The reactor registers listeners edge-triggered: a datagram left unread does
+  /// not produce another readiness event unless the socket is registered again.
+  pub fn receive(&mut self) -> io::Result<Option<(&mut [u8], PacketOrigin)>> {
+    Ok(match self.recv_one()? {
+      Some((nbytes, origin)) => Some((&mut self.receive_buffer[..nbytes], origin)),
+      None => None,
+    })
   }
 
   /// Receive a single datagram into `self.receive_buffer`, capturing its
@@ -408,7 +341,7 @@ impl UDPListener {
     // `receive_buffer` (through `iov`) ends when this block ends.
     let (nbytes, source, ifindex, spec_dst) = {
       let mut iov = [IoSliceMut::new(
-        &mut self.receive_buffer[..MAX_MESSAGE_SIZE],
+        &mut self.receive_buffer,
       )];
       let msg =
         match recvmsg::<SockaddrStorage>(fd, &mut iov, Some(&mut cmsg_space), MsgFlags::empty()) {
@@ -453,7 +386,7 @@ impl UDPListener {
   fn recv_one(&mut self) -> io::Result<Option<(usize, PacketOrigin)>> {
     match self
       .socket
-      .recv_from(&mut self.receive_buffer[..MAX_MESSAGE_SIZE])
+      .recv_from(&mut self.receive_buffer)
     {
       Ok((nbytes, source)) => Ok(Some((
         nbytes,
@@ -524,7 +457,7 @@ mod tests {
   #[test]
   fn udpl_multicast_address() {
     let listener =
-      UDPListener::new_multicast("0.0.0.0", 10002, Ipv4Addr::new(239, 255, 0, 1)).unwrap();
+      UDPListener::new_multicast(10002, Ipv4Addr::new(239, 255, 0, 1)).unwrap();
     let sender = UDPSender::new_with_random_port().unwrap();
 
     // setsockopt(sender.socket.as_raw_fd(), IpMulticastLoop, &true)

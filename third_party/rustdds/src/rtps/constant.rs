@@ -67,6 +67,30 @@ pub const DEFAULT_WRITER_MAX_SAMPLES: usize = 8192;
 // dropped (they are the least useful to retransmit).
 pub const MAX_UNSENT_CHANGES_PER_READER: usize = DEFAULT_WRITER_MAX_SAMPLES;
 
+// Sequence numbers that an ACKNACK or a GAP can list. See RTPS spec v2.5
+// Section "8.3.5.5 SequenceNumberSet".
+pub const MAX_SEQUENCE_NUMBER_SET_BITS: i64 = 256;
+
+// Memory for samples that wait for more of their fragments, of all Readers of a
+// participant together. What would need more is dropped, as if the network had
+// lost it.
+pub const MAX_REASSEMBLY_BYTES: usize = 24 * 1024 * 1024;
+
+// Memory of all samples that the application's Readers keep. Beyond it, each
+// topic keeps its last two samples only, and samples that cannot be delivered yet,
+// because earlier ones are missing, are dropped, as if the network had lost
+// them.
+pub const MAX_CACHED_BYTES: usize = 16 * 1024 * 1024;
+
+// More than a datagram has room for.
+pub const MAX_DATAGRAM_PAYLOAD: usize = 64 * 1024;
+
+// Endpoints that are remembered of participants whose lease has ended.
+pub const MAX_ATTIC_ENDPOINTS: usize = 4096;
+
+// Datagrams of one socket that are handled before other work has its turn.
+pub const MAX_DATAGRAMS_PER_EVENT: usize = 64;
+
 // Memory-safety backstop for the per-matched-writer map of received/irrelevant
 // sequence numbers a Reader tracks (`RtpsWriterProxy::changes`). Entries below
 // `ack_base` are pruned eagerly, but under best-effort loss `ack_base` can

@@ -1,12 +1,13 @@
 use std::{
   cell::RefCell,
   collections::{BTreeMap, BTreeSet, HashMap, VecDeque},
-  net::IpAddr,
+  net::{IpAddr, Ipv4Addr},
   rc::Rc,
   sync::{Arc, RwLock},
   time::{Duration, Instant},
 };
 
+use bytes::Bytes;
 use chrono::Utc;
 use log::{debug, error, info, trace, warn};
 use mio1::{Events, Interest, Poll, Token};
@@ -25,7 +26,7 @@ use crate::{
   messages::submessages::submessages::AckSubmessage,
   network::{
     constant::SPDP_LOCALHOST_PEER_COUNT,
-    udp_listener::UDPListener,
+    udp_listener::{PacketFilter, UDPListener},
     udp_sender::UDPSender,
     util::{local_interface_table, localhost_spdp_peer_locators, IfAddr},
   },
@@ -36,6 +37,7 @@ use crate::{
   //qos::HasQoSPolicy,
   rtps::{
     constant::*,
+    fragment_assembler::ReassemblyBudget,
     message_receiver::MessageReceiver,
     outbound::SocketId,
     reader::{Reader, ReaderIngredients},
@@ -81,6 +83,8 @@ pub struct DPEventLoop {
   dds_cache: Arc<RwLock<DDSCache>>,
   discovery_db: Arc<RwLock<DiscoveryDB>>,
   udp_listeners: HashMap<Token, UDPListener>,
+  packet_filter: Option<PacketFilter>,
+  reassembly_budget: ReassemblyBudget,
   message_receiver: MessageReceiver, // This contains our Readers
 
   // If security is enabled, this contains the security plugins
@@ -164,6 +168,8 @@ impl DPEventLoop {
     only_networks: Option<Arc<[IpAddr]>>,
     socket_send_buffer_size: usize,
     same_host_loopback: bool,
+    listen_address: Ipv4Addr,
+    packet_filter: Option<PacketFilter>,
     reader_ready: ReadyReceiver<EntityId>,
     writer_ready: ReadyReceiver<EntityId>,
     waker: LoopWaker,
@@ -212,7 +218,12 @@ impl DPEventLoop {
 
     // port number 0 means OS chooses an available port number.
     let udp_sender = try_init!(
-      UDPSender::new_with_networks(0, only_networks.as_deref(), socket_send_buffer_size),
+      UDPSender::new_with_networks(
+        listen_address,
+        0,
+        only_networks.as_deref(),
+        socket_send_buffer_size
+      ),
       "UDPSender construction fail"
     );
 
@@ -228,6 +239,8 @@ impl DPEventLoop {
       dds_cache,
       discovery_db,
       udp_listeners,
+      packet_filter,
+      reassembly_budget: ReassemblyBudget::default(),
       udp_sender: Rc::new(udp_sender),
       message_receiver: MessageReceiver::new(
         participant_guid_prefix,
@@ -329,20 +342,7 @@ impl DPEventLoop {
               | DISCOVERY_MUL_LISTENER_TOKEN
               | USER_TRAFFIC_LISTENER_TOKEN
               | USER_TRAFFIC_MUL_LISTENER_TOKEN => {
-                // Edge-triggered: read until WouldBlock. A cap would leave
-                // datagrams sitting with no further readiness event.
-                let udp_messages = ev_wrapper.udp_listeners.get_mut(&token).map_or_else(
-                  || {
-                    error!("No listener with token {:?}", token);
-                    vec![]
-                  },
-                  |l| l.messages_bounded(usize::MAX),
-                );
-                for (packet, origin) in udp_messages {
-                  ev_wrapper
-                    .message_receiver
-                    .handle_received_packet(&packet, origin);
-                }
+                ev_wrapper.receive_datagrams(token);
               }
               LOOP_WAKE_TOKEN => {
                 // Queues are drained below, once, for this whole iteration.
@@ -391,6 +391,44 @@ impl DPEventLoop {
       ev_wrapper.service_outbound();
     } // loop
   } // fn
+
+  // Handles what waits in a listener, but no more at once than that other work
+  // of the loop has its turn, however fast datagrams come.
+  fn receive_datagrams(&mut self, token: Token) {
+    let Some(listener) = self.udp_listeners.get_mut(&token) else {
+      error!("No listener with token {token:?}");
+      return;
+    };
+    for _ in 0..MAX_DATAGRAMS_PER_EVENT {
+      match listener.receive() {
+        Ok(Some((datagram, origin))) => {
+          let passes = self
+            .packet_filter
+            .as_mut()
+            .is_none_or(|filter| filter(datagram, origin.source));
+          if passes {
+            let packet = Bytes::copy_from_slice(datagram);
+            self.message_receiver.handle_received_packet(&packet, origin);
+          }
+        }
+        Ok(None) => return,
+        Err(e) => {
+          warn!("socket recv() error: {e:?}");
+          break;
+        }
+      }
+    }
+    // Edge-triggered: what is left is only reported when the socket is registered
+    // again.
+    if let Err(e) =
+      self
+        .poll
+        .registry()
+        .reregister(listener.mio_socket(), token, Interest::READABLE)
+    {
+      error!("Failed to register listener {token:?} again: {e}");
+    }
+  }
 
   // Returns true when the loop should exit.
   fn drain_queues(
@@ -1064,6 +1102,7 @@ impl DPEventLoop {
       self.udp_sender.clone(),
       self.shared_timer.clone(),
       self.participant_status_sender.clone(),
+      self.reassembly_budget.clone(),
     );
 
     // Reader commands share the poll waker. The ready queue records the entity

@@ -1,6 +1,8 @@
 use std::{
+  cell::Cell,
   collections::{btree_map::Entry, BTreeMap},
   fmt, iter,
+  rc::Rc,
 };
 
 use bit_vec::BitVec;
@@ -15,6 +17,7 @@ use crate::{
     elements::serialized_payload::SerializedPayload,
     submessages::{DATAFRAG_Flags, DataFrag},
   },
+  rtps::constant::MAX_REASSEMBLY_BYTES,
   structure::{
     cache_change::ChangeKind,
     sequence_number::{FragmentNumber, SequenceNumber},
@@ -22,8 +25,39 @@ use crate::{
   },
 };
 
+/// Memory for reassembly, shared by the Readers of a participant: what a
+/// fragment says about the size of its sample is reserved here first.
+#[derive(Clone, Default)]
+pub(crate) struct ReassemblyBudget(Rc<Cell<usize>>);
+
+impl ReassemblyBudget {
+  fn reserve(&self, bytes: usize) -> Option<Reservation> {
+    let reserved = self.0.get().checked_add(bytes)?;
+    (reserved <= MAX_REASSEMBLY_BYTES).then(|| {
+      self.0.set(reserved);
+      Reservation {
+        budget: self.clone(),
+        bytes,
+      }
+    })
+  }
+}
+
+struct Reservation {
+  budget: ReassemblyBudget,
+  bytes: usize,
+}
+
+impl Drop for Reservation {
+  fn drop(&mut self) {
+    self.budget.0.set(self.budget.0.get() - self.bytes);
+  }
+}
+
 // This is for the assembly of a single object
 struct AssemblyBuffer {
+  #[allow(dead_code)] // Gives its bytes back when it is dropped.
+  reservation: Reservation,
   buffer_bytes: BytesMut,
   fragment_count: usize,
   received_bitmap: BitVec,
@@ -35,7 +69,7 @@ struct AssemblyBuffer {
 }
 
 impl AssemblyBuffer {
-  pub fn new(datafrag: &DataFrag) -> Option<Self> {
+  pub fn new(datafrag: &DataFrag, budget: &ReassemblyBudget) -> Option<Self> {
     let data_size: usize = datafrag.data_size.try_into().ok()?;
     let fragment_size: u16 = datafrag.fragment_size;
     debug!("new AssemblyBuffer data_size={data_size} frag_size={fragment_size}");
@@ -45,8 +79,11 @@ impl AssemblyBuffer {
       return None;
     }
 
-    let mut buffer_bytes = BytesMut::with_capacity(data_size);
-    buffer_bytes.resize(data_size, 0);
+    let Some(reservation) = budget.reserve(data_size) else {
+      warn!("Cannot create AssemblyBuffer: no memory for a sample of {data_size} bytes is left");
+      return None;
+    };
+    let buffer_bytes = BytesMut::zeroed(data_size);
 
     let fragment_count = usize::from(datafrag.total_number_of_fragments());
     if fragment_count == 0 {
@@ -57,6 +94,7 @@ impl AssemblyBuffer {
     let now = Timestamp::now();
 
     Some(Self {
+      reservation,
       buffer_bytes,
       fragment_count,
       received_bitmap: BitVec::from_elem(fragment_count, false),
@@ -193,6 +231,7 @@ pub(crate) struct FragmentAssembler {
   // Whether the owning reader is Reliable. This decides which buffer to drop
   // when `MAX_ASSEMBLY_BUFFERS` is exceeded (see `new_datafrag`).
   reliable: bool,
+  budget: ReassemblyBudget,
 }
 
 impl fmt::Debug for FragmentAssembler {
@@ -204,12 +243,13 @@ impl fmt::Debug for FragmentAssembler {
 }
 
 impl FragmentAssembler {
-  pub fn new(fragment_size: u16, reliable: bool) -> Self {
+  pub fn new(fragment_size: u16, reliable: bool, budget: ReassemblyBudget) -> Self {
     debug!("new FragmentAssembler. frag_size = {fragment_size} reliable = {reliable}");
     Self {
       fragment_size,
       assembly_buffers: BTreeMap::new(),
       reliable,
+      budget,
     }
   }
 
@@ -225,7 +265,7 @@ impl FragmentAssembler {
     let sn = datafrag.writer_sn;
     match self.assembly_buffers.entry(sn) {
       Entry::Vacant(v) => {
-        let Some(buf) = AssemblyBuffer::new(datafrag) else {
+        let Some(buf) = AssemblyBuffer::new(datafrag, &self.budget) else {
           error!("new_datafrag: failed to create AssemblyBuffer for {sn:?}");
           return None;
         };
@@ -340,7 +380,7 @@ impl FragmentAssembler {
 mod tests {
   use bytes::Bytes;
 
-  use super::AssemblyBuffer;
+  use super::{AssemblyBuffer, ReassemblyBudget};
   use crate::{
     messages::submessages::submessages::DataFrag, structure::sequence_number::FragmentNumber,
   };
@@ -369,7 +409,7 @@ mod tests {
 
     // First submessage packs fragments 1 and 2 (K = 2, 2048 payload bytes).
     let first = datafrag(1, 2, frag_size, data_size, whole[0..2048].to_vec());
-    let mut ab = AssemblyBuffer::new(&first).expect("valid first fragment");
+    let mut ab = AssemblyBuffer::new(&first, &ReassemblyBudget::default()).expect("valid first fragment");
     assert!(!ab.is_complete());
     ab.insert_frags(&first, frag_size);
     assert!(!ab.is_complete(), "still missing the tail fragment");
@@ -393,7 +433,7 @@ mod tests {
     let whole: Vec<u8> = (0..data_size as usize).map(|i| (i % 97) as u8).collect();
 
     let all = datafrag(1, 3, frag_size, data_size, whole.clone());
-    let mut ab = AssemblyBuffer::new(&all).expect("valid fragment set");
+    let mut ab = AssemblyBuffer::new(&all, &ReassemblyBudget::default()).expect("valid fragment set");
     ab.insert_frags(&all, frag_size);
     assert!(ab.is_complete());
     assert_eq!(&ab.buffer_bytes[..], &whole[..]);
@@ -406,7 +446,7 @@ mod tests {
     let frag_size = 256u16;
     let data_size = 512u32; // 2 fragments total
     let bad = datafrag(2, 2, frag_size, data_size, vec![0u8; 256]);
-    let mut ab = AssemblyBuffer::new(&bad).expect("buffer for valid data_size");
+    let mut ab = AssemblyBuffer::new(&bad, &ReassemblyBudget::default()).expect("buffer for valid data_size");
     assert!(!ab.insert_frags(&bad, frag_size));
     assert!(!ab.is_complete());
   }
@@ -421,7 +461,7 @@ mod tests {
     let frag_size = 256u16;
     let data_size = 512u32;
     let bad = datafrag(2, 2, frag_size, data_size, vec![0u8; 256]);
-    let mut fa = FragmentAssembler::new(frag_size, true);
+    let mut fa = FragmentAssembler::new(frag_size, true, ReassemblyBudget::default());
     assert!(fa
       .new_datafrag(&bad, BitFlags::<DATAFRAG_Flags>::empty())
       .is_none());

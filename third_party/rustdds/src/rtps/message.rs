@@ -1,4 +1,4 @@
-use std::{cmp::min, collections::BTreeSet, io};
+use std::{cmp::min, io};
 
 #[allow(unused_imports)]
 use log::{debug, error, trace, warn};
@@ -20,12 +20,14 @@ use crate::{
     validity_trait::Validity,
     vendor_id::VendorId,
   },
-  rtps::{Submessage, SubmessageBody},
+  rtps::{constant::MAX_SEQUENCE_NUMBER_SET_BITS, Submessage, SubmessageBody},
   structure::{
     cache_change::CacheChange,
     guid::{EntityId, GuidPrefix, GUID},
     parameter_id::ParameterId,
-    sequence_number::{FragmentNumber, SequenceNumber, SequenceNumberSet},
+    sequence_number::{
+      FragmentNumber, SequenceNumber, SequenceNumberRanges, SequenceNumberSet,
+    },
     time::Timestamp,
   },
 };
@@ -584,24 +586,16 @@ impl MessageBuilder {
 
   pub fn gap_msg(
     mut self,
-    irrelevant_sns: &BTreeSet<SequenceNumber>,
+    irrelevant_sns: &SequenceNumberRanges,
     writer_entity_id: EntityId,
     writer_endianness: Endianness,
     reader_guid: GUID,
   ) -> Self {
-    match (irrelevant_sns.first(), irrelevant_sns.last()) {
-      (Some(&gap_start), Some(&_last_sn)) => {
-        // Determine the contiguous range of irrelevant seqnums starting from gap_start.
-        // Do this by finding the first seqnum which is larger than gap_start but is not
-        // included in irrelevant_sns. That is, find the
-        // exclusive endpoint of the contiguous range.
-        let mut range_endpoint_excl = gap_start.plus_1();
-        while irrelevant_sns.contains(&range_endpoint_excl) {
-          range_endpoint_excl = range_endpoint_excl.plus_1();
-        }
-        // Set gapList.base as this exclusive endpoint of the range
-        let list_base = range_endpoint_excl;
-        let list_set = irrelevant_sns.clone().split_off(&list_base);
+    match irrelevant_sns.first_range() {
+      Some((gap_start, list_base)) => {
+        // The list goes on where the first range ends, as far as it can.
+        let list_end = list_base + SequenceNumber::new(MAX_SEQUENCE_NUMBER_SET_BITS);
+        let list_set = irrelevant_sns.between(list_base, list_end).collect();
         let gap_list = SequenceNumberSet::from_base_and_set(list_base, &list_set);
 
         let gap = Gap {
@@ -615,7 +609,7 @@ impl MessageBuilder {
           .create_submessage(gap_flags)
           .map(|s| self.submessages.push(s));
       }
-      (_, _) => error!("gap_msg called with empty SN set. Skipping GAP submessage"),
+      None => error!("gap_msg called with empty SN set. Skipping GAP submessage"),
     }
     self
   }

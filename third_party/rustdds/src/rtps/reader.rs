@@ -42,7 +42,9 @@ use crate::{
   network::udp_sender::UDPSender,
   polling::{ReadySender, SharedTimer, WakeReceiver},
   rtps::{
-    fragment_assembler::FragmentAssembler, message_receiver::MessageReceiverState,
+    constant::MAX_SEQUENCE_NUMBER_SET_BITS,
+    fragment_assembler::{FragmentAssembler, ReassemblyBudget},
+    message_receiver::MessageReceiverState,
     rtps_writer_proxy::RtpsWriterProxy, timed_event::DpTimerEvent, Message,
   },
   structure::{
@@ -134,6 +136,7 @@ pub(crate) struct Reader {
   received_heartbeat_count: i32,
 
   fragment_assemblers: BTreeMap<GUID, FragmentAssembler>,
+  reassembly_budget: ReassemblyBudget,
   last_fragment_garbage_collect: Timestamp,
   matched_writers: BTreeMap<GUID, RtpsWriterProxy>,
   writer_match_count_total: i32, // total count, never decreases
@@ -165,6 +168,7 @@ impl Reader {
     udp_sender: Rc<UDPSender>,
     timed_event_timer: SharedTimer<DpTimerEvent>,
     participant_status_sender: StatusChannelSender<DomainParticipantStatusEvent>,
+    reassembly_budget: ReassemblyBudget,
   ) -> Self {
     // Verify that the topic cache corresponds to the topic of the Reader
     let topic_cache_name = i.topic_cache_handle.lock().unwrap().topic_name();
@@ -201,6 +205,7 @@ impl Reader {
       heartbeat_suppression_duration: StdDuration::new(0, 0),
       received_heartbeat_count: 0,
       fragment_assemblers: BTreeMap::new(),
+      reassembly_budget,
       last_fragment_garbage_collect: Timestamp::now(),
       matched_writers: BTreeMap::new(),
       writer_match_count_total: 0,
@@ -465,9 +470,14 @@ impl Reader {
     }
   }
 
+  fn contains_writer_guid(&self, writer_guid: GUID) -> bool {
+    self.matched_writers.contains_key(&writer_guid)
+  }
+
   pub fn remove_writer_proxy(&mut self, writer_guid: GUID) {
     if self.matched_writers.contains_key(&writer_guid) {
       self.matched_writers.remove(&writer_guid);
+      self.fragment_assemblers.remove(&writer_guid);
       self
         .acquire_the_topic_cache_guard()
         .forget_reliable_writer(writer_guid);
@@ -591,6 +601,13 @@ impl Reader {
     let writer_guid = GUID::new_with_prefix_and_id(mr_state.source_guid_prefix, datafrag.writer_id);
     let seq_num = datafrag.writer_sn;
     let receive_timestamp = Timestamp::now();
+    // Fragments of writers that are not matched will never be data.
+    if !self.like_stateless
+      && writer_guid.entity_id.entity_kind.is_user_defined()
+      && !self.contains_writer_guid(writer_guid)
+    {
+      return;
+    }
     //trace!("DATAFRAG received topic={:?}", self.topic_name);
 
     // check if this submessage is expired already
@@ -661,10 +678,11 @@ impl Reader {
     frag_size: u16,
   ) -> &mut FragmentAssembler {
     let reliable = self.reliability != policy::Reliability::BestEffort;
+    let budget = &self.reassembly_budget;
     self
       .fragment_assemblers
       .entry(writer_guid)
-      .or_insert_with(|| FragmentAssembler::new(frag_size, reliable))
+      .or_insert_with(|| FragmentAssembler::new(frag_size, reliable, budget.clone()))
   }
 
   fn garbage_collect_fragments(&mut self) {
@@ -728,6 +746,8 @@ impl Reader {
     );
     if !self.like_stateless {
       let my_entity_id = self.my_guid.entity_id; // to please borrow checker
+      let reliable = self.reliability != policy::Reliability::BestEffort;
+      let has_room = !self.acquire_the_topic_cache_guard().is_participant_full();
       if let Some(writer_proxy) = self.matched_writer_mut(writer_guid) {
         if writer_proxy.should_ignore_change(writer_sn) {
           // change already present
@@ -740,6 +760,13 @@ impl Reader {
           } else {
             return;
           }
+        }
+        // A sample that has to wait for earlier ones is not received while there is
+        // no room for it. The Writer will send it again.
+        let must_wait = reliable && writer_sn > writer_proxy.all_ackable_before();
+        if must_wait && !has_room {
+          debug!("handle_data_msg no room for seq={writer_sn:?} from {writer_guid:?}");
+          return;
         }
         // Add the change and get the instant
         writer_proxy.received_changes_add(writer_sn, receive_timestamp);
@@ -957,15 +984,13 @@ impl Reader {
           // sequence numbers that are >= base.
           let reader_sn_state = match missing_seqnums.first() {
             Some(&first_missing) => {
-              // Here we assume missing_seqnums are returned in order.
-              // Limit the set to maximum that can be sent in acknack submessage.
-
+              // Here we assume missing_seqnums are returned in order, and no more than
+              // can be sent in an acknack submessage.
               SequenceNumberSet::from_base_and_set(
                 first_missing,
                 &missing_seqnums
                   .iter()
                   .copied()
-                  .take_while(|sn| sn < &(first_missing + SequenceNumber::new(256)))
                   .filter(|sn| {
                     if this.is_frag_partially_received(writer_guid, *sn) {
                       partially_received.push(*sn);
@@ -1020,7 +1045,11 @@ impl Reader {
             let mut missing_frags = this.missing_frags_for(writer_guid, sn);
             let first_missing = missing_frags.next();
             if let Some(first) = first_missing {
-              let missing_frags_set = iter::once(first).chain(missing_frags).collect(); // "undo" the .next() above
+              // "undo" the .next() above. Limit the set to what fits into the submessage.
+              let end = first + FragmentNumber::new(MAX_SEQUENCE_NUMBER_SET_BITS as u32);
+              let missing_frags_set = iter::once(first)
+                .chain(missing_frags.take_while(|frag| *frag < end))
+                .collect();
               let nf = NackFrag {
                 reader_id,
                 writer_id: writer_proxy.remote_writer_guid.entity_id,

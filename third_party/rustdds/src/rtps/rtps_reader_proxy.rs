@@ -20,7 +20,7 @@ use crate::{
   structure::{
     guid::{EntityId, GUID},
     locator::Locator,
-    sequence_number::{FragmentNumber, FragmentNumberSet, SequenceNumber, SequenceNumberRange},
+    sequence_number::{FragmentNumber, FragmentNumberSet, SequenceNumber, SequenceNumberRanges},
   },
 };
 use super::reader::ReaderIngredients;
@@ -67,7 +67,7 @@ pub(crate) struct RtpsReaderProxy {
   // Messages that we are not going to send to this Reader.
   // We will send the SNs as GAP until they have been acked.
   // This is to be used in Reliable mode only.
-  pending_gap: BTreeSet<SequenceNumber>,
+  pending_gap: SequenceNumberRanges,
   // true = send repair data messages due to NACKs, buffer messages by DataWriter
   // false = send data messages directly from DataWriter
   pub repair_mode: bool,
@@ -109,7 +109,7 @@ impl RtpsReaderProxy {
       is_active: true,
       all_acked_before: SequenceNumber::zero(),
       unsent_changes: BTreeSet::new(),
-      pending_gap: BTreeSet::new(),
+      pending_gap: SequenceNumberRanges::default(),
       repair_mode: false,
       repair_data_scheduled: false,
       repair_frags_scheduled: false,
@@ -238,7 +238,7 @@ impl RtpsReaderProxy {
       is_active: true,
       all_acked_before: SequenceNumber::zero(),
       unsent_changes: BTreeSet::new(),
-      pending_gap: BTreeSet::new(),
+      pending_gap: SequenceNumberRanges::default(),
       repair_mode: false,
       repair_data_scheduled: false,
       repair_frags_scheduled: false,
@@ -316,7 +316,7 @@ impl RtpsReaderProxy {
       is_active: true,
       all_acked_before: SequenceNumber::zero(),
       unsent_changes: BTreeSet::new(),
-      pending_gap: BTreeSet::new(),
+      pending_gap: SequenceNumberRanges::default(),
       repair_mode: false,
       repair_data_scheduled: false,
       repair_frags_scheduled: false,
@@ -489,7 +489,7 @@ impl RtpsReaderProxy {
           }
         }
         // AckNack also clears pending_gap
-        self.pending_gap = self.pending_gap.split_off(&self.all_acked_before);
+        self.pending_gap.remove_before(self.all_acked_before);
       }
 
       AckSubmessage::NackFrag(_nack_frag) => {
@@ -504,15 +504,24 @@ impl RtpsReaderProxy {
   }
 
   pub fn set_pending_gap_up_to(&mut self, last_gap_sn: SequenceNumber) {
-    // form SN range from 1 to last_gap_sn (inclusive)
-    let gap_sn_range = SequenceNumberRange::new(SequenceNumber::new(1), last_gap_sn);
-    // Convert to a set and insert the SNs to pending_gap
-    let gap_sn_set = BTreeSet::from_iter(gap_sn_range);
-    self.pending_gap.extend(gap_sn_set);
+    // SNs from 1 to last_gap_sn (inclusive)
+    self
+      .pending_gap
+      .insert_range(SequenceNumber::new(1), last_gap_sn.plus_1());
   }
 
-  pub fn get_pending_gap(&self) -> &BTreeSet<SequenceNumber> {
+  pub fn get_pending_gap(&self) -> &SequenceNumberRanges {
     &self.pending_gap
+  }
+
+  /// A GAP has told the reader of what is in the pending gap.
+  pub fn mark_pending_gap_sent(&mut self) {
+    let Self {
+      unsent_changes,
+      pending_gap,
+      ..
+    } = self;
+    unsent_changes.retain(|sn| !pending_gap.contains(*sn));
   }
 
   /// this should be called every time a new CacheChange is set to RTPS writer

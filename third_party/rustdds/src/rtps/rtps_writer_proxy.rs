@@ -1,12 +1,15 @@
 use core::ops::Bound::{Included, Unbounded};
-use std::{cmp::max, collections::BTreeMap};
+use std::{
+  cmp::{max, min},
+  collections::BTreeMap,
+};
 
 #[allow(unused_imports)]
 use log::{debug, error, info, trace, warn};
 
 use crate::{
   discovery::sedp_messages::DiscoveredWriterData,
-  rtps::constant::MAX_TRACKED_CHANGES_PER_WRITER,
+  rtps::constant::{MAX_SEQUENCE_NUMBER_SET_BITS, MAX_TRACKED_CHANGES_PER_WRITER},
   structure::{
     guid::{EntityId, GUID},
     locator::Locator,
@@ -137,6 +140,10 @@ impl RtpsWriterProxy {
   // Note: Heartbeat gives bounds only. Some samples within that range may
   // have been received already, or not really available, i.e. there may be GAPs
   // in the range.
+  //
+  // Only those that one ACKNACK can request are returned: the first one that is
+  // missing and those less than MAX_SEQUENCE_NUMBER_SET_BITS after it. A
+  // HEARTBEAT of a few bytes can claim any range.
   pub fn missing_seqnums(
     &self,
     hb_first_sn: SequenceNumber,
@@ -157,9 +164,19 @@ impl RtpsWriterProxy {
 
     let mut missing_seqnums = Vec::with_capacity(32); // out of hat value
 
+    let mut first = max(hb_first_sn, self.ack_base); // ignore those that we already have
+    for &known in self.changes.range((Included(first), Unbounded)).map(|(sn, _)| sn) {
+      if known != first {
+        break;
+      }
+      first = first.plus_1();
+    }
     let relevant_interval = SequenceNumber::range_inclusive(
-      max(hb_first_sn, self.ack_base), // ignore those that we already have
-      hb_last_sn,
+      first,
+      min(
+        hb_last_sn,
+        first + SequenceNumber::new(MAX_SEQUENCE_NUMBER_SET_BITS - 1),
+      ),
     );
 
     // iterator over known Received and Not_available changes.
@@ -281,7 +298,10 @@ impl RtpsWriterProxy {
         self.ack_base, remove_from, remove_until_before, self.remote_writer_guid
       );
     } else {
-      // TODO: This potentially generates a very large BTreeMap
+      // Of a longer range the map would keep the end only, and of a range that
+      // begins before `ack_base` the same is done without the map.
+      let tracked = SequenceNumber::from(MAX_TRACKED_CHANGES_PER_WRITER);
+      let remove_from = max(remove_from, remove_until_before - tracked);
       for na in
         SequenceNumber::range_inclusive(remove_from, remove_until_before - SequenceNumber::new(1))
       {

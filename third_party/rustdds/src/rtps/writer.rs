@@ -46,7 +46,7 @@ use crate::{
     entity::RTPSEntity,
     guid::{EntityId, GuidPrefix, GUID},
     locator::Locator,
-    sequence_number::{FragmentNumber, SequenceNumber},
+    sequence_number::{FragmentNumber, SequenceNumber, SequenceNumberRanges},
     time::Timestamp,
   },
 };
@@ -1449,7 +1449,7 @@ impl Writer {
           reader_guid,
         );
         reader_proxy.remove_from_unsent_set_all_before(first_available);
-      } else if !pending_gaps.contains(&unsent_sn) {
+      } else if !pending_gaps.contains(unsent_sn) {
         match self.send_buffer.get_by_sn(unsent_sn) {
           Some(cc) => cache_change = Some(cc),
           None => {
@@ -1458,8 +1458,10 @@ impl Writer {
               "handle_repair_data_send_worker {:?} seq.number {:?} missing. first_change={:?}",
               self.my_guid, unsent_sn, first_available
             );
+            let mut missing = SequenceNumberRanges::default();
+            missing.insert(unsent_sn);
             gap = gap.gap_msg(
-              &BTreeSet::from([unsent_sn]),
+              &missing,
               self.entity_id(),
               self.endianness,
               reader_guid,
@@ -1470,16 +1472,14 @@ impl Writer {
       }
       // SNs we are not going to send to this reader: announce them once per
       // round, together with the first change that goes out.
-      if !pending_gaps.is_empty() && (!pending_gap_sent || pending_gaps.contains(&unsent_sn)) {
+      if !pending_gaps.is_empty() && (!pending_gap_sent || pending_gaps.contains(unsent_sn)) {
         gap = gap.gap_msg(
           &pending_gaps,
           self.entity_id(),
           self.endianness,
           reader_guid,
         );
-        for sn in &pending_gaps {
-          reader_proxy.mark_change_sent(*sn);
-        }
+        reader_proxy.mark_pending_gap_sent();
         pending_gap_sent = true;
       }
       let gap_len = gap.submessage_bytes_len();

@@ -3,7 +3,10 @@ use std::{
   collections::{btree_map, BTreeMap, HashMap},
   iter,
   ops::Bound::{Excluded, Included},
-  sync::{Arc, Mutex},
+  sync::{
+    atomic::{AtomicUsize, Ordering},
+    Arc, Mutex,
+  },
 };
 
 #[allow(unused_imports)]
@@ -19,7 +22,7 @@ use crate::{
     typedesc::TypeDesc,
     CreateError, CreateResult,
   },
-  rtps::constant::MAX_WITHHELD_BYTES_PER_TOPIC,
+  rtps::constant::{MAX_CACHED_BYTES, MAX_DATAGRAM_PAYLOAD, MAX_WITHHELD_BYTES_PER_TOPIC},
   structure::{sequence_number::SequenceNumber, time::Timestamp},
   GUID,
 };
@@ -49,6 +52,8 @@ use super::cache_change::CacheChange;
 #[derive(Debug, Default)]
 pub struct DDSCache {
   topic_caches: HashMap<String, Arc<Mutex<TopicCache>>>,
+  // What the samples in all topics of the application take.
+  cached_bytes: Arc<AtomicUsize>,
 }
 
 impl DDSCache {
@@ -66,15 +71,17 @@ impl DDSCache {
     topic_data_type: TypeDesc,
     qos: &QosPolicies,
   ) -> Arc<Mutex<TopicCache>> {
+    let cached_bytes = &self.cached_bytes;
+    let is_of_application = !topic_name.starts_with("DCPS");
     let topic_cache_handle = self
       .topic_caches
       .entry(topic_name.clone())
       .and_modify(|tc| tc.lock().unwrap().update_keep_limits(qos))
-      .or_insert(Arc::new(Mutex::new(TopicCache::new(
-        topic_name,
-        topic_data_type,
-        qos,
-      ))));
+      .or_insert_with(|| {
+        let mut topic_cache = TopicCache::new(topic_name, topic_data_type, qos);
+        topic_cache.all_bytes = is_of_application.then(|| Arc::clone(cached_bytes));
+        Arc::new(Mutex::new(topic_cache))
+      });
 
     topic_cache_handle.clone()
   }
@@ -101,12 +108,7 @@ impl DDSCache {
 
   pub fn garbage_collect(&mut self) {
     for tc in self.topic_caches.values_mut() {
-      let mut tc = tc.lock().unwrap();
-      if let Some((last_timestamp, _)) = tc.changes.iter().next_back() {
-        if *last_timestamp > tc.changes_reallocated_up_to {
-          tc.remove_changes_before(Timestamp::ZERO);
-        }
-      }
+      tc.lock().unwrap().remove_changes_before(Timestamp::ZERO);
     }
   }
 }
@@ -130,11 +132,9 @@ pub(crate) struct TopicCache {
   // returns the same instant for two back-to-back receives cannot collide.
   changes: BTreeMap<Timestamp, CacheChange>,
 
-  // The underlying Bytes buffers are reallocated after some time (once for each) in
-  // order to release the original receive buffer. The idea behind this is that if a CacheChange
-  // persists in the TopicCaceh for some time, it should no longer hold onto the receive buffer,
-  // so we can recycle the buffers. Otherwise, we (practically) leak memory.
-  changes_reallocated_up_to: Timestamp,
+  // What the samples in all topics of the application take, see `cost`. `None` for
+  // built-in topics: what they carry is needed, and bounded by their limits.
+  all_bytes: Option<Arc<AtomicUsize>>,
 
   // The largest key ever inserted into `changes`. Used to keep the keys strictly
   // monotonic: `receive_timestamp` is `Timestamp::now()` sampled per incoming
@@ -156,6 +156,17 @@ pub(crate) struct TopicCache {
   received_reliably_before: BTreeMap<GUID, SequenceNumber>,
 }
 
+/// What a sample takes: its payload, and its entries in the maps above.
+fn cost(cache_change: &CacheChange) -> usize {
+  cache_change.data_value.payload_size() + 512
+}
+
+impl Drop for TopicCache {
+  fn drop(&mut self) {
+    self.changes.values().for_each(|cc| self.uncount(cc));
+  }
+}
+
 impl TopicCache {
   pub fn new(topic_name: String, topic_data_type: TypeDesc, topic_qos: &QosPolicies) -> Self {
     let mut new_self = Self {
@@ -166,7 +177,7 @@ impl TopicCache {
                                                          * this */
       max_keep_samples: 1, // dummy value, next call will overwrite this
       changes: BTreeMap::new(),
-      changes_reallocated_up_to: Timestamp::ZERO,
+      all_bytes: None,
       last_added_instant: Timestamp::ZERO,
       sequence_numbers: BTreeMap::new(),
       received_reliably_before: BTreeMap::new(),
@@ -296,6 +307,18 @@ impl TopicCache {
     gave_up
   }
 
+  /// Whether samples take more than MAX_CACHED_BYTES.
+  pub fn is_participant_full(&self) -> bool {
+    let bytes = self.all_bytes.as_ref();
+    bytes.is_some_and(|bytes| bytes.load(Ordering::Relaxed) > MAX_CACHED_BYTES)
+  }
+
+  fn uncount(&self, cache_change: &CacheChange) {
+    if let Some(all_bytes) = &self.all_bytes {
+      all_bytes.fetch_sub(cost(cache_change), Ordering::Relaxed);
+    }
+  }
+
   pub fn get_change(&self, instant: &Timestamp) -> Option<&CacheChange> {
     self.changes.get(instant)
   }
@@ -334,7 +357,9 @@ impl TopicCache {
     } else {
       1
     };
-    let gc_triggered = modulus <= 1 || semi_random_number.is_multiple_of(modulus);
+    let gc_triggered = modulus <= 1
+      || semi_random_number.is_multiple_of(modulus)
+      || self.is_participant_full();
     if gc_triggered {
       debug!("Garbage collecting topic {}", self.topic_name);
       self.remove_changes_before(Timestamp::ZERO);
@@ -368,8 +393,18 @@ impl TopicCache {
       };
       self.last_added_instant = key;
 
+      // A sample must not hold on to the datagram that it came in, of which it may
+      // be a small part.
+      let mut cache_change = cache_change;
+      if payload_size <= MAX_DATAGRAM_PAYLOAD {
+        cache_change.reallocate();
+      }
       self.insert_sn(key, &cache_change);
+      if let Some(all_bytes) = &self.all_bytes {
+        all_bytes.fetch_add(cost(&cache_change), Ordering::Relaxed);
+      }
       self.changes.insert(key, cache_change).inspect(|old_cc| {
+        self.uncount(old_cc);
         // Should be unreachable now that keys are strictly monotonic, but keep the
         // guard rather than silently overwriting if the invariant is ever broken.
         error!("DDSHistoryCache already contained element with key {key:?} !!!");
@@ -496,7 +531,12 @@ impl TopicCache {
 
     // We must remove at least enough to stay within max limit,
     // must_remove_count = sample_count - max_keep_samples
-    let must_remove_count = sample_count.saturating_sub(self.max_keep_samples as usize);
+    let max_keep_samples = if self.is_participant_full() {
+      1
+    } else {
+      self.max_keep_samples as usize
+    };
+    let must_remove_count = sample_count.saturating_sub(max_keep_samples);
     // Saturating sub takes care that this does not underflow below zero.
 
     let may_remove_count = match self.min_keep_samples {
@@ -547,25 +587,11 @@ impl TopicCache {
       let to_remove = std::mem::replace(&mut self.changes, to_retain);
 
       // update also SequenceNumber map
-      to_remove.values().for_each(|r| self.remove_sn(r));
+      to_remove.values().for_each(|r| {
+        self.uncount(r);
+        self.remove_sn(r);
+      });
     }
-
-    // Now, reallocate old cache changes
-    let reallocate_timeout = crate::Duration::from_secs(5);
-    let now = Timestamp::now();
-
-    // Take max to avoid crash if clock jumps backward.
-    let reallocate_limit = max(now - reallocate_timeout, self.changes_reallocated_up_to);
-
-    self
-      .changes
-      .range_mut((
-        Excluded(self.changes_reallocated_up_to),
-        Included(reallocate_limit),
-      ))
-      .for_each(|(_, cc)| cc.reallocate());
-
-    self.changes_reallocated_up_to = reallocate_limit;
   }
 
   pub fn topic_name(&self) -> String {

@@ -1,12 +1,12 @@
 use std::{
-  cmp::min,
+  cmp::{max, min},
   fmt::Debug,
   hash::Hash,
   mem::size_of,
   ops::{Bound, RangeBounds},
 };
 // use crate::messages::fragment_number::FragmentNumber;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use num_traits::NumOps;
 use num_derive::{FromPrimitive, NumOps, ToPrimitive};
@@ -136,6 +136,83 @@ impl RangeBounds<SequenceNumber> for SequenceNumberRange {
   }
   fn end_bound(&self) -> Bound<&SequenceNumber> {
     Bound::Included(&self.end)
+  }
+}
+
+/// A set of sequence numbers as ranges that do not touch: what it takes does not
+/// depend on how long they are.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SequenceNumberRanges {
+  // First sequence number of each range, and the first one after it.
+  ranges: BTreeMap<SequenceNumber, SequenceNumber>,
+}
+
+impl SequenceNumberRanges {
+  /// Adds `begin` to `end - 1`.
+  pub fn insert_range(&mut self, begin: SequenceNumber, end: SequenceNumber) {
+    if begin >= end {
+      return;
+    }
+    let (mut begin, mut end) = (begin, end);
+    // Ranges that overlap with it or touch it become part of it.
+    while let Some((&b, &e)) = self.ranges.range(..=end).next_back() {
+      if e < begin {
+        break;
+      }
+      self.ranges.remove(&b);
+      begin = min(begin, b);
+      end = max(end, e);
+    }
+    self.ranges.insert(begin, end);
+  }
+
+  pub fn insert(&mut self, sn: SequenceNumber) {
+    self.insert_range(sn, sn.plus_1());
+  }
+
+  pub fn is_empty(&self) -> bool {
+    self.ranges.is_empty()
+  }
+
+  pub fn contains(&self, sn: SequenceNumber) -> bool {
+    self
+      .ranges
+      .range(..=sn)
+      .next_back()
+      .is_some_and(|(_, &end)| sn < end)
+  }
+
+  /// Removes what is less than `sn`.
+  pub fn remove_before(&mut self, sn: SequenceNumber) {
+    while let Some((&begin, &end)) = self.ranges.first_key_value() {
+      if begin >= sn {
+        break;
+      }
+      self.ranges.remove(&begin);
+      if end > sn {
+        self.ranges.insert(sn, end);
+      }
+    }
+  }
+
+  /// The first range, its end excluded.
+  pub fn first_range(&self) -> Option<(SequenceNumber, SequenceNumber)> {
+    self.ranges.first_key_value().map(|(&b, &e)| (b, e))
+  }
+
+  /// Those of `begin` to `end - 1` that are in the set.
+  pub fn between(
+    &self,
+    begin: SequenceNumber,
+    end: SequenceNumber,
+  ) -> impl Iterator<Item = SequenceNumber> + '_ {
+    self
+      .ranges
+      .range(..end)
+      .skip_while(move |(_, &e)| e <= begin)
+      .flat_map(move |(&b, &e)| {
+        SequenceNumberRange::new(max(b, begin), min(e, end) - SequenceNumber::new(1))
+      })
   }
 }
 
