@@ -20,6 +20,7 @@ mod cdr;
 mod description;
 mod environment;
 mod graph;
+pub mod guard;
 mod hash;
 mod log;
 pub mod names;

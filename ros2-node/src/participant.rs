@@ -19,6 +19,7 @@ use rustix::process::{getrlimit, setrlimit, Resource, Rlimit};
 
 use crate::environment::{Options, Range, Report};
 use crate::graph::{self, Graph};
+use crate::guard::{Guard, Interfaces, Prefix};
 use crate::names::{self, NameError, TypeName};
 use crate::node::Node;
 use crate::wire::{Raw, RawReader, RawWriter};
@@ -209,7 +210,10 @@ impl Participant {
             let what = what.to_owned();
             move |why| Error::Dds { what, why }
         };
-        let dds = builder(&options).build().map_err(error("the participant"))?;
+        let guard = Guard::new(options.range, Interfaces::of_this_machine(), Arc::clone(&options.report));
+        let own = guard.own();
+        let dds = builder(&options, guard).build().map_err(error("the participant"))?;
+        own.get_or_init(|| prefix(&dds));
         let publisher = dds.create_publisher(&QosPolicies::qos_none()).map_err(error("the publisher"))?;
         let subscriber = dds.create_subscriber(&QosPolicies::qos_none()).map_err(error("the subscriber"))?;
         let shared = Arc::new(Shared {
@@ -330,13 +334,24 @@ impl Drop for Hold {
     }
 }
 
-fn builder(options: &Options) -> DomainParticipantBuilder {
-    let builder = DomainParticipantBuilder::new(options.domain);
+/// Only packets that `guard` lets through get to RustDDS.
+fn builder(options: &Options, mut guard: Guard) -> DomainParticipantBuilder {
+    let builder = DomainParticipantBuilder::new(options.domain)
+        .packet_filter(move |packet, from| guard.check(packet, from, Instant::now()).is_ok());
+    let this_machine = Ipv4Addr::LOCALHOST;
     match options.range {
-        Range::Localhost => builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]),
+        Range::Localhost => builder.with_only_networks([this_machine]).listen_address(this_machine),
         Range::Subnet => builder,
-        Range::Off => builder.with_only_networks(Vec::<IpAddr>::new()).same_host_loopback(false),
+        Range::Off => {
+            builder.with_only_networks(Vec::<IpAddr>::new()).same_host_loopback(false).listen_address(this_machine)
+        }
     }
+}
+
+/// With what the identifiers of all that the participant has begin.
+fn prefix(dds: &DomainParticipant) -> Prefix {
+    let guid = dds.guid().to_bytes();
+    std::array::from_fn(|index| guid[index])
 }
 
 fn announcement_qos() -> QosPolicies {

@@ -76,7 +76,10 @@ impl Qos {
     }
 
     pub(crate) fn of_reader(self) -> QosPolicies {
-        self.builder().build()
+        // Without, RustDDS keeps 64.
+        let depth = i32::try_from(self.depth.max(1)).unwrap_or(i32::MAX);
+        let limits = policy::ResourceLimits { max_samples: depth, max_instances: 1, max_samples_per_instance: depth };
+        self.builder().resource_limits(limits).build()
     }
 }
 
