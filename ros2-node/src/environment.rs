@@ -21,7 +21,7 @@ pub enum Range {
     Localhost,
     /// On all networks that this machine is part of.
     Subnet,
-    /// Nowhere: the participant announces itself to nobody. One of this machine that looks for others still finds it.
+    /// Nowhere: the participant announces itself to nobody.
     Off,
 }
 

@@ -8,7 +8,8 @@
 //! Threads: two of RustDDS, one of the participant, whatever the number of nodes and topics. None of them waits for a
 //! peer.
 //!
-//! Nothing leaves this machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` or [`Options::range`] says so.
+//! Nothing leaves this machine, and nothing from elsewhere is heard, unless `ROS_AUTOMATIC_DISCOVERY_RANGE` or
+//! [`Options::range`] says so. What is heard is checked first ([`guard`]).
 //!
 //! ## Limitations
 //! Those of RustDDS 0.15 are in the crate's `README.md`, with what is done about them: the hash of a type

@@ -104,7 +104,8 @@ fn client(options: Options, received: Arc<AtomicUsize>) -> impl std::any::Any {
     (subscription, node, participant)
 }
 
-/// Ports of all UDP sockets of a process, whose addresses are checked: nothing but this machine's.
+/// Ports of all UDP sockets of a process, whose addresses are checked: this machine's, and that of a multicast group, which
+/// brings what other programs of this machine have sent to it.
 fn ports(process: u32) -> Vec<u16> {
     let links = std::fs::read_dir(format!("/proc/{process}/fd")).unwrap();
     let links: Vec<String> = links
@@ -119,9 +120,12 @@ fn ports(process: u32) -> Vec<u16> {
         links.contains(&format!("socket:[{}]", fields[9])).then_some((address, u16::from_str_radix(port, 16).ok()?))
     });
     let own: Vec<_> = own.collect();
-    assert!(own.len() >= 3, "{own:?}");
-    assert!(own.iter().all(|(address, _)| address.is_loopback()), "{own:?}");
-    own.into_iter().map(|(_, port)| port).collect()
+    assert!(own.len() >= 4, "{own:?}");
+    assert!(
+        own.iter().all(|(address, _)| address.is_loopback() || *address == Ipv4Addr::new(239, 255, 0, 1)),
+        "{own:?}"
+    );
+    own.into_iter().filter(|(address, _)| address.is_loopback()).map(|(_, port)| port).collect()
 }
 
 /// Somebody with a socket on this machine.

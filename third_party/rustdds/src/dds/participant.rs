@@ -118,8 +118,7 @@ impl DomainParticipantBuilder {
   /// multicast joins, multicast sends, and unicast locator advertisement.
   ///
   /// This is not a hard transport-level ACL: unicast sockets still bind to
-  /// the address of [`Self::listen_address`]. Where no interface for multicast
-  /// is left, there is no multicast socket.
+  /// the address of [`Self::listen_address`].
   pub fn with_only_networks(mut self, addrs: impl IntoIterator<Item = impl Into<IpAddr>>) -> Self {
     self.only_networks = Some(addrs.into_iter().map(Into::into).collect());
     self

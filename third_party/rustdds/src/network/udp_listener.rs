@@ -252,11 +252,12 @@ impl UDPListener {
     }
 
     if !joined_multicast {
-      // Without a group of its own, the socket would only hear what groups of
-      // other programs bring to this host.
-      return Err(io::Error::other(format!(
-        "No multicast joins succeeded for group {multicast_group:?}"
-      )));
+      // The socket still hears what groups that other programs of this host have
+      // joined bring here.
+      warn!(
+        "No multicast joins succeeded for group {multicast_group:?}; multicast locator will not \
+         be advertised."
+      );
     }
 
     Ok(Self {
