@@ -7,8 +7,8 @@ use std::thread::JoinHandle;
 use std::time::Instant;
 
 use ambf_plugin::{
-    AnyPlugin, InitContext, ModelPlugin, Plugin, PluginError, PluginKind, Registry, SimulatorPlugin, SnapshotSlot,
-    SnapshotWriter, View, WorldPlugin,
+    AnyPlugin, Host, InitContext, ModelPlugin, Plugin, PluginError, PluginKind, Registry, SimulatorPlugin,
+    SnapshotSlot, SnapshotWriter, View, WorldPlugin,
 };
 use crossbeam_channel::{bounded, Sender};
 
@@ -19,7 +19,7 @@ use crate::diagnostics::{Board, Shown};
 use crate::exchange::{commands, ArmStatus, Inbox, Status};
 use crate::messages::MessageType;
 use crate::queries::{answers, services};
-use crate::serve::{wall_time, Offered, Publisher, Texts};
+use crate::serve::{wall_time, Offered, Publisher, Texts, Told};
 use crate::statistics::Meter;
 use crate::topics::{topics, Carries, Extras, Output, Topic};
 use crate::transport::{Connect, Transport};
@@ -151,7 +151,7 @@ impl Plugin for Crtk {
             host.say("no middleware is running, so no topics are offered");
         }
         self.running =
-            Some(Running::start(&configs, prepared, transports, &self.board).map_err(|error| error.to_string())?);
+            Some(Running::start(&configs, prepared, transports, &self.board, host).map_err(|error| error.to_string())?);
         Ok(())
     }
 
@@ -193,6 +193,7 @@ impl Running {
         prepared: Vec<Prepared>,
         mut transports: Vec<Box<dyn Transport>>,
         board: &Board,
+        host: Host,
     ) -> Result<Self, String> {
         let (events, receiver) = bounded(EVENTS);
         let slot = Arc::new(SnapshotSlot::empty());
@@ -240,7 +241,9 @@ impl Running {
         let shown = Arc::new(Shown { arms: places.iter().map(named).collect(), status: Arc::clone(&slot) });
         board.add(&shown);
         let template = Status { arms: arms.iter().map(Live::status).collect(), ..Status::default() };
-        let publisher = Publisher { arms: offered, status: Arc::clone(&slot), events: receiver, clock, transports };
+        let told = Told::new(move |text| host.say(text));
+        let publisher =
+            Publisher { arms: offered, status: Arc::clone(&slot), events: receiver, clock, transports, told };
         let thread = std::thread::Builder::new().name("crtk-publish".into()).spawn(move || publisher.run());
         Ok(Self {
             arms,

@@ -1,5 +1,7 @@
 //! Topics of arms: messages from what a step has left, commands from what comes.
 
+use std::collections::HashSet;
+use std::mem::{discriminant, Discriminant};
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -363,6 +365,30 @@ pub struct Publisher {
     pub clock: Vec<Box<dyn Sender>>,
     /// Keeps the transports until the end.
     pub transports: Vec<Box<dyn Transport>>,
+    /// What the user of the simulator is told: refused commands, each arm and reason once. Not every dialect has a topic
+    /// for that, and not every client listens.
+    pub told: Told,
+}
+
+/// Tells the user of the simulator of refused commands, each arm and reason once.
+pub struct Told {
+    say: Box<dyn Fn(&str) + Send>,
+    said: HashSet<(usize, Discriminant<Refusal>)>,
+}
+
+impl Told {
+    /// By `say`.
+    pub fn new(say: impl Fn(&str) + Send + 'static) -> Self {
+        Self { say: Box::new(say), said: HashSet::new() }
+    }
+
+    fn tell(&mut self, arm: usize, name: &str, event: &Event) {
+        if let Event::Warning { refusal, .. } = event {
+            if self.said.insert((arm, discriminant(refusal))) {
+                (self.say)(&format!("{name}: {refusal}; this reason is said once"));
+            }
+        }
+    }
 }
 
 impl Publisher {
@@ -372,8 +398,9 @@ impl Publisher {
             let due = self.arms.iter().map(|arm| arm.due).min().unwrap_or_else(|| Instant::now() + PAUSED);
             match self.events.recv_deadline(due) {
                 Ok((arm, event)) => {
-                    if let Some(arm) = self.arms.get_mut(arm) {
-                        arm.tell(&event);
+                    if let Some(offered) = self.arms.get_mut(arm) {
+                        self.told.tell(arm, &offered.model.name, &event);
+                        offered.tell(&event);
                     }
                 }
                 Err(RecvTimeoutError::Timeout) => self.publish(),

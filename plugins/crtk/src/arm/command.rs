@@ -420,7 +420,7 @@ impl ArmModel {
             "" if is_local => Ok(Frame::Base),
             "" => Ok(Frame::Reference),
             _ if name == known.reference => Ok(Frame::Reference),
-            _ if name == known.base => Ok(Frame::Base),
+            _ if name == known.base || name.strip_suffix("_base") == Some(&self.name) => Ok(Frame::Base),
             "world" => Ok(Frame::World),
             _ => FrameName::new(name).map(Frame::Named).ok_or_else(|| self.unknown_frame(name)),
         }

@@ -42,6 +42,14 @@ pub enum Dialect {
 }
 
 impl Dialect {
+    /// What the frame of the base of `arm` is called. The challenge's interface calls it so whatever the body is called.
+    pub fn base_frame(self, arm: &str) -> String {
+        match self {
+            Self::Src => format!("{arm}/baselink"),
+            _ => format!("{arm}_base"),
+        }
+    }
+
     /// Whether states follow the documents of CRTK, as on the robot; else those of the simulators' contract.
     fn is_crtk(self) -> bool {
         self == Self::Dvrk

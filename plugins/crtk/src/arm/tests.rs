@@ -45,7 +45,7 @@ pub(crate) fn psm(dialect: Dialect) -> ArmModel {
         }),
         dialect,
         on_limit: if dialect == Dialect::Contract { OnLimit::Refuse } else { OnLimit::Clamp },
-        frames: FrameNames { reference: "ECM_view".into(), base: "PSM1_base".into() },
+        frames: FrameNames { reference: "ECM_view".into(), base: dialect.base_frame("PSM1") },
         instrument: InstrumentNumber::of_tool("420006"),
     }
 }
@@ -378,6 +378,25 @@ fn limits_are_refused_or_clipped() {
 fn pose_message(pose: &Isometry3<f64>, frame: &str) -> PoseMessage {
     let q = pose.rotation.coords;
     PoseMessage { frame: frame.into(), position: pose.translation.vector.into(), orientation: [q.x, q.y, q.z, q.w] }
+}
+
+/// Clients of the challenge name the frame as its interface does; their poses were refused.
+#[test]
+fn the_base_has_the_name_of_the_dialect_and_the_common_one() {
+    for (dialect, name) in
+        [(Dialect::Contract, "PSM1_base"), (Dialect::Src, "PSM1/baselink"), (Dialect::Src, "PSM1_base")]
+    {
+        let mut bench = Bench::new(dialect);
+        let model = Arc::clone(bench.arm.model());
+        let mut q = coordinates(&HOME);
+        q[0] += 0.1;
+        let pose = model.kinematics.chain.forward(&q);
+        bench.tell(model.pose_command(Level::Servo, &pose_message(&pose, name), false));
+        assert_eq!(bench.said().1, []);
+        assert!(gap(&model.kinematics.chain.forward(bench.position()), &pose) < 1e-9, "{name}");
+        bench.tell(model.pose_command(Level::Servo, &pose_message(&pose, "PSM2/baselink"), false));
+        assert!(matches!(bench.said().1[..], [Refusal::Frame { .. }]), "another arm's");
+    }
 }
 
 #[test]

@@ -222,7 +222,7 @@ fn model(config: &ArmConfig, binding: &Binding, kinematics: Kinematics, world: &
         all.as_mut_slice()[..values.len()].copy_from_slice(values);
         all
     };
-    let base = format!("{}_base", config.name);
+    let base = config.dialect.base_frame(&config.name);
     let jaw = config.jaw.as_ref().map(|jaw| JawModel {
         limits: jaw.limits,
         speed: jaw.speed,

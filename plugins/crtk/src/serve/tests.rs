@@ -263,7 +263,11 @@ fn the_publisher_ends_with_the_events_and_sends_them_in_order() {
     let mut writer = SnapshotWriter::new(Status { arms: vec![status()], ..Status::default() });
     writer.publish(&slot, |status| status.wall_time = wall_time());
     let (sender, events) = bounded(64);
-    let publisher = Publisher { arms: vec![arm], status: slot, events, clock: Vec::new(), transports: Vec::new() };
+    let lines = Arc::new(Mutex::new(Vec::new()));
+    let log = Arc::clone(&lines);
+    let told = Told::new(move |line| log.lock().push(line.to_owned()));
+    let publisher =
+        Publisher { arms: vec![arm], status: slot, events, clock: Vec::new(), transports: Vec::new(), told };
     let thread = thread::spawn(|| publisher.run());
     for stamp in 1..=20 {
         let state = OperatingState { stamp, state: State::Enabled, is_homed: true, is_busy: stamp % 2 == 0 };
@@ -274,8 +278,15 @@ fn the_publisher_ends_with_the_events_and_sends_them_in_order() {
         assert!(Instant::now() < deadline, "nothing is published");
         thread::yield_now();
     }
+    let unknown = |got: &str| Refusal::Frame { got: got.into(), expected: "PSM1_base".into() };
+    for refusal in [unknown("a"), Refusal::Unreadable, unknown("b"), Refusal::Unreadable] {
+        sender.send((0, Event::Warning { stamp: 21, refusal })).unwrap();
+    }
     drop(sender);
     thread.join().unwrap();
+    // Commands in an unknown frame used to be dropped without a word in the dialects that have no topic for warnings.
+    let once = |refusal: Refusal| format!("PSM1: {refusal}; this reason is said once");
+    assert_eq!(*lines.lock(), [once(unknown("a")), once(Refusal::Unreadable)]);
     let sent = memory.sent.lock();
     let stamps: Vec<u64> = (sent.iter())
         .filter_map(|(_, message)| match message {
