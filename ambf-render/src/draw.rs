@@ -249,10 +249,31 @@ fn user_program(gl: &Current<'_>, files: &ShaderProgram) -> Result<Program, Stri
     let fallback = "the built-in material is drawn instead";
     let sources = read(&files.vertex).and_then(|vertex| Ok((vertex, read(&files.fragment)?)));
     let (vertex, fragment) = sources.map_err(|error| format!("{error}; {fallback}"))?;
-    gl.program(&vertex, &fragment).map_err(|error| {
+    let compiled = gl.program(&vertex, &fragment).or_else(|error| {
+        // What is wrong is said of the shaders as they were written.
+        gl.program(&lenient(&vertex), &lenient(&fragment)).map_err(|_| error)
+    });
+    compiled.map_err(|error| {
         let (vertex, fragment) = (files.vertex.display(), files.fragment.display());
         format!("the shaders {vertex} and {fragment} do not work: {error}; {fallback}")
     })
+}
+
+/// A shader with functions that some drivers have and the GLSL specification does not: `texture` before GLSL 1.30, and
+/// with three coordinates for a picture of two. Shaders written for such drivers count on both.
+fn lenient(shader: &str) -> String {
+    const FUNCTIONS: &str = "vec4 texture(sampler2D map, vec2 place) { return texture2D(map, place); } \
+                             vec4 texture(sampler2D map, vec3 place) { return texture2D(map, place.xy); }";
+    let goes_first = |line: &&str| {
+        let directive = line.trim_start().strip_prefix('#').map(str::trim_start);
+        directive.is_some_and(|word| word.starts_with("version") || word.starts_with("extension"))
+    };
+    let mut lines: Vec<&str> = shader.lines().collect();
+    let head = lines.iter().rposition(goes_first).map_or(0, |at| at + 1);
+    // Messages of the compiler still name the file's lines.
+    let functions = format!("{FUNCTIONS}\n#line {}", head + 1);
+    lines.insert(head, &functions);
+    lines.join("\n") + "\n"
 }
 
 /// What a picture is drawn with, for all its eyes.

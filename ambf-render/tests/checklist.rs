@@ -774,6 +774,32 @@ fn row_51_shaders_that_do_not_compile() {
     }
 }
 
+/// Drivers of NVIDIA take `texture` in shaders without `#version`, and three coordinates for a picture of two; scenes are
+/// written for them. Such shaders were rejected, and the built-in material was drawn.
+#[test]
+fn row_51_shaders_that_only_some_drivers_take() {
+    let place = directory("row_51_lenient");
+    std::fs::create_dir_all(&place).expect("a directory");
+    std::fs::write(place.join("any.vs"), MASK_VERTEX).expect("a file");
+    let heads = ["", "#version 120\n", "#version 130\n", "#extension GL_ARB_texture_rectangle : enable\n"];
+    let calls =
+        ["texture(map, vec3(0.5))", "texture(map, vec2(0.5))", "texture(map, vec3(0.5)) + texture(map, vec2(0.1))"];
+    let bodies = [block("Box", [0.0; 3], [0.2; 3], RED)];
+    for head in heads {
+        for call in calls {
+            let fragment = format!(
+                "{head}uniform sampler2D map;\nvoid main() {{ gl_FragColor = vec4(0.0, 1.0, 0.0, 1.0) + 0.0 * ({call}); }}\n"
+            );
+            std::fs::write(place.join("lenient.fs"), fragment).expect("a file");
+            let shaders = format!("shaders:\n  path: ./\n  vertex: any.vs\n  fragment: lenient.fs\n{}", world("", ""));
+            let mut shown = Shown::of_texts(&place, &shaders, &model(&bodies));
+            let picture = shown.picture(&mut renderer(), FIRST, &PictureRequest::color(640, 480));
+            let [r, g, _] = pixel(&picture, 320, 240);
+            assert_eq!([r, g], [0, 255], "{head:?}, {call}: {:?}", picture.messages);
+        }
+    }
+}
+
 #[test]
 fn row_54_frames() {
     let mut shown = shown("row_54", &world("", ""), &[block("Box", [0.0; 3], [0.2; 3], MATT)]);
