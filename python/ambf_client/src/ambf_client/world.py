@@ -6,21 +6,20 @@ import time
 from dataclasses import dataclass
 from typing import Any, Dict, Optional, Sequence, Tuple, Type
 
-import rospy
 from ambf_msgs.msg import WorldCmd, WorldState
-from ambf_msgs.srv import Step, StepRequest
+from ambf_msgs.srv import AddModel, ListModels, RemoveModel, Step
 from std_msgs.msg import Empty
 
 from .actuator import Actuator
 from .base_object import BaseObject
 from .contact_sensor import ContactSensor
-from .errors import SimulationLost, SimulatorTimeout, StepRefused, UnsupportedCommand
+from .errors import SimulationLost, SimulatorNotFound, SimulatorTimeout, StepRefused, UnsupportedCommand
 from .ghost import GhostObject
 from .handle import Handle
 from .rigid_body import RigidBody
-from .ros_abstraction_layer import ral_may_come_first
+from .ros import Connection
+from .ros_abstraction_layer import ral_may_come_first, request, ros_version
 from .sensor import Sensor
-from .service import ServiceConnection
 
 # What the reports of a lost simulation begin with.
 _LOST = "lost at step"
@@ -56,9 +55,9 @@ class World(Handle):
         """`a_name`: name of the handle; `topic`: what its topics begin with, `/ambf/env/World`."""
         super().__init__(a_name, 2.0, WorldState(), WorldCmd(), topic)
         self.object_type = "WORLD"
-        self._reset_pub: Optional[rospy.Publisher] = None
-        self._reset_bodies_pub: Optional[rospy.Publisher] = None
-        self._stepper = ServiceConnection(f"{topic}/step", Step)
+        self._reset_pub: Any = None
+        self._reset_bodies_pub: Any = None
+        self._stepper: Optional[Connection] = None
 
     # --- life -------------------------------------------------------------------------------------------------------------------
 
@@ -88,10 +87,10 @@ class World(Handle):
     def close(self) -> None:
         """Ends publishing and subscribing for good."""
         self._active = False
-        self._stepper.close()
+        if self._stepper is not None:
+            self._stepper.close()
         for end in (self._pub, self._reset_pub, self._reset_bodies_pub, self._sub):
-            if end is not None:
-                end.unregister()
+            self._close(end)
         self._pub = self._reset_pub = self._reset_bodies_pub = self._sub = None
 
     # --- state ------------------------------------------------------------------------------------------------------------------
@@ -156,7 +155,7 @@ class World(Handle):
         """Rigid bodies return to where they started. A lost simulation resumes: it is waited for."""
         self._reset(self._reset_bodies_pub)
 
-    def _reset(self, publisher: Optional[rospy.Publisher]) -> None:
+    def _reset(self, publisher: Any) -> None:
         if publisher is None:
             return
         self._send(publisher)
@@ -167,13 +166,12 @@ class World(Handle):
         with self._arrived:
             self._arrived.wait_for(lambda: not self._health.lost, _RESUME_S)
 
-    @staticmethod
-    def _send(publisher: rospy.Publisher) -> None:
+    def _send(self, publisher: Any) -> None:
         # The first message would be lost while the simulator is still connecting.
         end = time.monotonic() + 5.0
-        while publisher.get_num_connections() == 0:
+        while self._ral is not None and self._ral.get_num_connections(publisher) == 0:
             if time.monotonic() > end:
-                raise SimulatorTimeout(f"nobody listens to {publisher.name}")
+                raise SimulatorTimeout(f"nobody listens to the resets of {self._topic}")
             time.sleep(0.005)
         publisher.publish(Empty())
 
@@ -204,15 +202,15 @@ class World(Handle):
         with the simulator's reason for other refusals; SimulatorNotFound if it is not there or has no steps (the C++ simulator),
         SimulatorTimeout if no answer comes within `timeout` s.
         """
-        request = StepRequest(steps=steps, reset=reset, patience=patience)
+        asked = request(Step, steps=int(steps), reset=bool(reset), patience=float(patience))
         for handle in commands:
             with handle._lock:
                 if isinstance(handle, RigidBody):
-                    request.body_names.append(handle._topic)
-                    request.body_commands.append(handle._cmd)
+                    asked.body_names.append(handle._topic)
+                    asked.body_commands.append(handle._cmd)
                 elif isinstance(handle, Actuator):
-                    request.actuator_names.append(handle._topic)
-                    request.actuator_commands.append(handle._cmd)
+                    asked.actuator_names.append(handle._topic)
+                    asked.actuator_commands.append(handle._cmd)
                 else:
                     raise UnsupportedCommand(f"{handle.get_name()}: steps command rigid bodies and actuators only")
         for handle in observe:
@@ -220,8 +218,10 @@ class World(Handle):
                 raise UnsupportedCommand(
                     f"{handle.get_name()}: steps observe rigid bodies, sensors, ghost objects and actuators only"
                 )
-            request.observe.append(handle._topic)
-        answer = self._stepper.call(request, timeout)
+            asked.observe.append(handle._topic)
+        if self._stepper is None:
+            self._stepper = self._connection("step", Step)
+        answer = self._stepper.call(asked, timeout)
         if not answer.success:
             if answer.message.startswith(_LOST):
                 self._health.lost = answer.message
@@ -238,3 +238,36 @@ class World(Handle):
             handle.take_step(state)
             states[handle.get_name()] = state
         return StepResult(int(answer.sim_step), float(answer.sim_time), states)
+
+    # --- services of this simulator ---------------------------------------------------------------------------------------------
+
+    def add_model(self, file: str, timeout: float = 60.0) -> Any:
+        """Loads a model into the running simulation: an answer with `success`, `model`, its name, and `message`.
+
+        `file`: path of its file, for the simulator. `Client.wait_for_object` then finds its objects. Raises SimulatorNotFound and
+        SimulatorTimeout as `step` does.
+        """
+        return self._ask("add_model", AddModel, timeout, file=str(file))
+
+    def remove_model(self, model: str, timeout: float = 60.0) -> Any:
+        """Removes a model from the running simulation: an answer with `success` and `message`. Raises as `add_model`."""
+        return self._ask("remove_model", RemoveModel, timeout, model=str(model))
+
+    def list_models(self, timeout: float = 10.0) -> Any:
+        """The models that there are: an answer with `models`, their names. Raises as `add_model`."""
+        return self._ask("list_models", ListModels, timeout)
+
+    def _ask(self, service: str, kind: Any, timeout: float, **fields: Any) -> Any:
+        connection = self._connection(service, kind)
+        try:
+            return connection.call(request(kind, **fields), timeout)
+        finally:
+            connection.close()
+
+    def _connection(self, service: str, kind: Any) -> Connection:
+        """A connection to a service of the world, by its name of ROS 1; that of ROS 2 is `AddModel` instead of `add_model`."""
+        if self._ral is None:
+            raise SimulatorNotFound(f"{self._name} has no simulator: it was not found by a Client")
+        if ros_version() == 2:
+            service = service.title().replace("_", "")
+        return self._ral.connection(f"{self._topic}/{service}", kind)
