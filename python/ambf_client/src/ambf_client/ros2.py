@@ -10,7 +10,7 @@ import re
 import threading
 import time
 import traceback
-from typing import Any, Callable, Dict, List, Optional, Sequence
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import rclpy
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -232,9 +232,8 @@ class Ros2(Ros):
         self._callbacks: List[Callable[[], Any]] = []
         self._shut = threading.Event()
         self._spinner: Optional[_Spinner] = None
-        # Answers of services come to a node and a thread of their own: callbacks can wait for them.
-        self._asker: Any = None
-        self._asker_spinner: Optional[_Spinner] = None
+        # Answers of services come to a node and a thread of their own, and requests to another: callbacks of either can wait for answers.
+        self._helpers: Dict[str, Tuple[Any, _Spinner]] = {}
         if node is None:
             _init()
             number = f"_{os.getpid()}_{random.SystemRandom().randrange(10**6)}" if anonymous else ""
@@ -323,11 +322,12 @@ class Ros2(Ros):
     def end(self) -> None:
         """Ends the node."""
         self._shut_down()
-        for spinner in (self._spinner, self._asker_spinner):
-            if spinner is not None:
-                spinner.end()
-        for node, is_own in ((self.node, self._is_own), (self._asker, True)):
-            if node is not None and is_own:
+        ends = list(self._helpers.values())
+        if self._spinner is not None:
+            ends.append((self.node if self._is_own else None, self._spinner))
+        for node, spinner in ends:
+            spinner.end()
+            if node is not None:
                 with contextlib.suppress(InvalidHandle):
                     node.destroy_node()
 
@@ -366,21 +366,25 @@ class Ros2(Ros):
         return [[topic, kind] for topic, kind in sorted(found.items())]
 
     def service(self, name: str, kind: Any, callback: Callable[[Any, Any], Any]) -> Any:
-        """A service of the node."""
-        return self.node.create_service(kind, name, callback)
+        """A service, of a node beside this one."""
+        return self._helper("services").create_service(kind, name, callback)
 
     def service_client(self, name: str, kind: Any) -> ServiceClient:
         """It does not wait for the service here."""
         return ServiceClient(self.connection(name, kind), kind)
 
     def connection(self, name: str, kind: Any) -> _Connection:
-        """A client of the node that is there for answers."""
+        """A client, of a node beside this one."""
+        return _Connection(self._helper("calls"), name, kind)
+
+    def _helper(self, what: str) -> Any:
+        """A node beside this one, with a thread of its own."""
         with _lock:
-            if self._asker is None:
+            if what not in self._helpers:
                 options = {"start_parameter_services": False, "enable_rosout": False}
-                self._asker = rclpy.create_node(f"{self.node.get_name()}_calls", context=self.node.context, **options)
-                self._asker_spinner = _Spinner(self._asker, lambda: None)
-        return _Connection(self._asker, name, kind)
+                node = rclpy.create_node(f"{self.node.get_name()}_{what}", context=self.node.context, **options)
+                self._helpers[what] = node, _Spinner(node, lambda: None)
+            return self._helpers[what][0]
 
     def connections(self, publisher: Any) -> int:
         """Number of subscribers."""
@@ -392,9 +396,10 @@ class Ros2(Ros):
             end.close()
             return
         with contextlib.suppress(InvalidHandle):
-            for destroy in ("subscription", "publisher", "timer", "service"):
+            for destroy in ("subscription", "publisher", "timer"):
                 if getattr(self.node, f"destroy_{destroy}")(end):
                     return
+            self._helper("services").destroy_service(end)
 
     def _owner(self, name: str) -> str:
         """The node of the object whose parameter it is: its name is that of the object, with `_` between."""

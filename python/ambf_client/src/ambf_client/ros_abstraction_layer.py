@@ -75,7 +75,9 @@ class ral:
         self._children: Dict[str, ral] = {}
 
     @classmethod
-    def later(cls, node_name: str, anonymous: Optional[bool] = None, namespace: str = "", of: Optional[ral] = None) -> ral:
+    def later(
+        cls, node_name: str, anonymous: Optional[bool] = None, namespace: str = "", of: Optional[ral] = None
+    ) -> ral:
         """A layer whose node is made when something needs it, or has that of another layer. `anonymous`: a number is added to its name."""
         made = cls.__new__(cls)
         made._take(node_name, namespace, _Node(node_name, anonymous, None) if of is None else of._node)

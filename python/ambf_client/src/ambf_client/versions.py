@@ -44,11 +44,15 @@ def check_packages() -> int:
         raise UnsupportedRos(f"the client needs {library} for ROS {version}: {_ADVICE[version]}")
     for package in ("std_msgs", "geometry_msgs"):
         if find_spec(package) is None:
-            raise UnsupportedRos(f"the client needs the Python classes of {package} for ROS {version}: {_ADVICE[version]}")
+            raise UnsupportedRos(
+                f"the client needs the Python classes of {package} for ROS {version}: {_ADVICE[version]}"
+            )
     try:
         from ambf_msgs.msg import WorldState
     except ImportError as error:
-        raise UnsupportedRos(f"the Python classes of ambf_msgs for ROS {version} are missing; {_MESSAGES[version]}") from error
+        raise UnsupportedRos(
+            f"the Python classes of ambf_msgs for ROS {version} are missing; {_MESSAGES[version]}"
+        ) from error
     # What the generator of ROS 1 writes has it.
     found = 1 if hasattr(WorldState, "_md5sum") else 2
     if found != version:

@@ -8,7 +8,7 @@ from .ros_abstraction_layer import now_msg, ral, ral_may_come_first, seconds
 
 
 class WatchDog:
-    """Says whether more than a time has passed since the last acknowledgement. It uses ROS time; with ROS 1 it needs a node."""
+    """Says whether more than a time has passed since the last acknowledgement. It uses ROS time."""
 
     _ral: Optional[ral] = None
 
@@ -17,7 +17,7 @@ class WatchDog:
         """`time_out` in s."""
         self._watch_dog_time_out = float(time_out)
         self._watch_dog_running = False
-        self._watch_dog_deadline = self._now()
+        self._watch_dog_deadline = 0.0
 
     def _now(self) -> float:
         """ROS time, s."""
