@@ -9,6 +9,9 @@ from scenes import NOWHERE, box, model
 
 RESOURCES = pathlib.Path(__file__).resolve().parents[2] / "resources"
 
+# A model that is added later.
+ADDED = RESOURCES / "models/pendulum.yaml"
+
 LEVEL = {"r": 0.0, "p": 0.0, "y": 0.0}
 
 

@@ -26,7 +26,7 @@ from ambf_client import (
     World,
 )
 from ambf_client.base_object import quaternion
-from ambf_client.errors import SimulationLost, StepRefused, UnsupportedCommand
+from ambf_client.errors import SimulationLost, SimulatorNotFound, StepRefused, UnsupportedCommand
 from ambf_client.ros_abstraction_layer import ral
 from ambf_client.rotations import QuaternionLike, quaternion_from_rpy, quaternion_from_zyx, rpy_from_quaternion
 from ambf_msgs.msg import (
@@ -367,6 +367,7 @@ class Others(unittest.TestCase):
             world.run_publisher()
         self.assertFalse(world._cmd.enable_step_throttling)
         self.assertRaises(UnsupportedCommand, world.step, 1, [Camera("/ambf/env/cam")])
+        self.assertRaises(SimulatorNotFound, world.step, 1)
 
 
 class Names(unittest.TestCase):
@@ -473,13 +474,13 @@ class Lost(unittest.TestCase):
             result = types.SimpleNamespace(success=not message, message=message, sim_step=step, sim_time=0.0, **arrays)
             return types.SimpleNamespace(call=lambda request, timeout: result, close=lambda: None)
 
-        self.world._stepper = answer("too many steps")
+        self.world._services["step"] = answer("too many steps")
         self.assertRaises(StepRefused, self.world.step, 1)
-        self.world._stepper = answer(self.REASON)
+        self.world._services["step"] = answer(self.REASON)
         with self.assertRaisesRegex(SimulationLost, "^lost at step 7"):
             self.world.step(1)
         self.assertRaises(SimulationLost, self.body.get_pos)
-        self.world._stepper = answer(step=10)
+        self.world._services["step"] = answer(step=10)
         threading.Timer(0.1, self.hear, ["", 10]).start()
         self.assertEqual(self.world.step(3, reset=True).sim_step, 10)
         self.assertEqual(self.body.get_pos().x, 3.0)

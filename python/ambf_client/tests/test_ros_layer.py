@@ -31,9 +31,9 @@ class Layer(unittest.TestCase):
             self.assertEqual(ral.ros_version(), 2)
             with self.assertRaisesRegex(UnsupportedRos, "rclpy for ROS 2: .*pip install"):
                 ral("tests", node=object())
-            with mock.patch("ambf_client.versions.find_spec", return_value=object()):
-                with self.assertRaisesRegex(UnsupportedRos, "ROS 2 is meant.* for ROS 1: set ROS_VERSION=1"):
-                    ral("tests", node=object())
+            there = mock.patch("ambf_client.versions.find_spec", return_value=object())
+            with there, self.assertRaisesRegex(UnsupportedRos, "ROS 2 is meant.* for ROS 1: set ROS_VERSION=1"):
+                ral("tests", node=object())
         with (
             mock.patch.dict(os.environ, ROS_VERSION="3"),
             self.assertRaisesRegex(ImportError, "ROS_VERSION is 3: .*1 or 2"),

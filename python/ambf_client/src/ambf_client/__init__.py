@@ -6,11 +6,7 @@ actuators in the frame of their parent. Quaternions are (x, y, z, w).
 
 from __future__ import annotations
 
-from .versions import check_packages as _check_packages
-
-# Before the messages are imported: it says what is missing.
-_check_packages()
-
+from . import installed  # noqa: F401
 from .actuator import Actuator
 from .base_object import BaseObject
 from .client import Client

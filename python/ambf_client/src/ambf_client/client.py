@@ -146,12 +146,12 @@ class Client:
             self._ros_topics = self.ral.get_published_topics()
         except MasterNotFound:
             return False
-        for topic, kind in self._ros_topics:
+        for topic, full_kind in self._ros_topics:
             if not topic.startswith(f"{self._namespace}/"):
                 continue
             name = topic.replace(_STATE, "")
             # ROS 2 says `ambf_msgs/msg/WorldState`.
-            kind = kind.replace("/msg/", "/")
+            kind = full_kind.replace("/msg/", "/")
             if kind == "ambf_msgs/WorldState":
                 self._add_world(topic)
             elif kind in _KINDS and name not in self._objects and self._is_wanted(name):
@@ -171,7 +171,7 @@ class Client:
             if self._world._topic == name:
                 return
             self._world.close()
-        world = World(self.ral, "World", name)
+        world = World(self.ral, "World", name)  # type: ignore[call-arg, arg-type]
         self._health.lost = ""
         world._health = self._health
         world._pub = self.ral.publisher(f"{name}/Command", msg.WorldCmd, queue_size=10, tcp_nodelay=True)

@@ -64,7 +64,8 @@ def request(kind: Any, **fields: Any) -> Any:
 
 
 def node(name: str, anonymous: Optional[bool], node: Any, end: Optional[float]) -> Ros2:
-    """The node of that name in this process, which is made if there is none; `node` if it is given. There is nothing to wait for until `end`."""
+    """The node of that name in this process, which is made if there is none; `node` if it is given."""
+    # There is no master to wait for.
     del end
     with _lock:
         found = _nodes.get(name if node is None else node)
@@ -117,7 +118,7 @@ class _Spinner:
             except InvalidHandle:
                 # Something was closed just now.
                 continue
-            except Exception:  # noqa: BLE001
+            except Exception:
                 # A callback's error is its own: the others go on, as with rospy.
                 if self._context.ok() and not self._ended:
                     traceback.print_exc()
@@ -162,7 +163,7 @@ class _Connection:
         self._node = node
         self._name = name
         self._kind = kind
-        self._client: Any = None
+        self._client: Any = node.create_client(kind, name)
 
     def client(self) -> Any:
         """The client of rclpy."""
@@ -316,7 +317,7 @@ class Ros2(Ros):
         for callback in callbacks:
             try:
                 callback()
-            except Exception:  # noqa: BLE001
+            except Exception:
                 traceback.print_exc()
 
     def end(self) -> None:
@@ -412,8 +413,11 @@ class Ros2(Ros):
         raise KeyError(f"{name}: no object has that parameter")
 
     def _ask(self, service: str, kind: Any, **fields: Any) -> Any:
+        """Asks for something that may be done twice: the first answer can be lost while the service does not know the new client yet."""
         connection = self.connection(service, kind)
         try:
+            with contextlib.suppress(SimulatorTimeout):
+                return connection.call(kind.Request(**fields), _PATIENCE_S / 5)
             return connection.call(kind.Request(**fields), _PATIENCE_S)
         finally:
             connection.close()

@@ -18,11 +18,14 @@ from .ghost import GhostObject
 from .handle import Handle
 from .rigid_body import RigidBody
 from .ros import Connection
-from .ros_abstraction_layer import ral_may_come_first, request, ros_version
+from .ros_abstraction_layer import ral_may_come_first, request
 from .sensor import Sensor
 
 # What the reports of a lost simulation begin with.
 _LOST = "lost at step"
+
+# Services by their names of ROS 1.
+_SERVICES: Dict[str, Any] = {"step": Step, "add_model": AddModel, "remove_model": RemoveModel, "list_models": ListModels}
 
 # A reset has ended a loss after so long, s.
 _RESUME_S = 5.0
@@ -57,7 +60,10 @@ class World(Handle):
         self.object_type = "WORLD"
         self._reset_pub: Any = None
         self._reset_bodies_pub: Any = None
-        self._stepper: Optional[Connection] = None
+        # From the start: an answer to the first call could come before the service knows where to send it.
+        self._services: Dict[str, Connection] = (
+            {} if self._ral is None else {name: self._connection(name, kind) for name, kind in _SERVICES.items()}
+        )
 
     # --- life -------------------------------------------------------------------------------------------------------------------
 
@@ -87,8 +93,8 @@ class World(Handle):
     def close(self) -> None:
         """Ends publishing and subscribing for good."""
         self._active = False
-        if self._stepper is not None:
-            self._stepper.close()
+        for connection in self._services.values():
+            connection.close()
         for end in (self._pub, self._reset_pub, self._reset_bodies_pub, self._sub):
             self._close(end)
         self._pub = self._reset_pub = self._reset_bodies_pub = self._sub = None
@@ -219,9 +225,7 @@ class World(Handle):
                     f"{handle.get_name()}: steps observe rigid bodies, sensors, ghost objects and actuators only"
                 )
             asked.observe.append(handle._topic)
-        if self._stepper is None:
-            self._stepper = self._connection("step", Step)
-        answer = self._stepper.call(asked, timeout)
+        answer = self._ask("step", asked, timeout)
         if not answer.success:
             if answer.message.startswith(_LOST):
                 self._health.lost = answer.message
@@ -247,27 +251,24 @@ class World(Handle):
         `file`: path of its file, for the simulator. `Client.wait_for_object` then finds its objects. Raises SimulatorNotFound and
         SimulatorTimeout as `step` does.
         """
-        return self._ask("add_model", AddModel, timeout, file=str(file))
+        return self._ask("add_model", request(AddModel, file=str(file)), timeout)
 
     def remove_model(self, model: str, timeout: float = 60.0) -> Any:
         """Removes a model from the running simulation: an answer with `success` and `message`. Raises as `add_model`."""
-        return self._ask("remove_model", RemoveModel, timeout, model=str(model))
+        return self._ask("remove_model", request(RemoveModel, model=str(model)), timeout)
 
     def list_models(self, timeout: float = 10.0) -> Any:
         """The models that there are: an answer with `models`, their names. Raises as `add_model`."""
-        return self._ask("list_models", ListModels, timeout)
+        return self._ask("list_models", request(ListModels), timeout)
 
-    def _ask(self, service: str, kind: Any, timeout: float, **fields: Any) -> Any:
-        connection = self._connection(service, kind)
-        try:
-            return connection.call(request(kind, **fields), timeout)
-        finally:
-            connection.close()
+    def _ask(self, service: str, asked: Any, timeout: float) -> Any:
+        if service not in self._services:
+            raise SimulatorNotFound(f"{self._name} has no simulator: it was not found by a Client")
+        return self._services[service].call(asked, timeout)
 
     def _connection(self, service: str, kind: Any) -> Connection:
         """A connection to a service of the world, by its name of ROS 1; that of ROS 2 is `AddModel` instead of `add_model`."""
-        if self._ral is None:
-            raise SimulatorNotFound(f"{self._name} has no simulator: it was not found by a Client")
-        if ros_version() == 2:
+        assert self._ral is not None
+        if self._ral.ros_version() == 2:
             service = service.title().replace("_", "")
         return self._ral.connection(f"{self._topic}/{service}", kind)
