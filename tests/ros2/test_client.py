@@ -141,7 +141,7 @@ class Programs(Ros2Test):
         client = self.client()
         topics = {"/CRTK/x/measured_js", "/CRTK/y/measured_js"}
         client.wait_for(lambda: topics <= {name for name, _ in client.node.get_topic_names_and_types()}, "topics")
-        self.assertTrue({"ral_case", "of_the_arm"} <= set(client.node.get_node_names()))
+        client.wait_for(lambda: {"ral_case", "of_the_arm"} <= set(client.node.get_node_names()), "nodes")
         running.send_signal(signal.SIGTERM)
         output, _ = running.communicate(timeout=PATIENCE_S)
         self.assertEqual((running.returncode, sorted(output.split("\n"))), (0, ["", "ended", "left the loop"]), output)

@@ -32,6 +32,9 @@ _STATE = "/State"
 # All objects are there when none has come for so long, s.
 _QUIET_S = 0.2
 
+# States that wait to be taken. A client of ROS 2 that cannot keep up would read them late.
+_QUEUE = {1: 10, 2: 1}
+
 # Message type of the state: handle and message type of the command.
 _KINDS: Dict[str, Tuple[Type[Any], Any, Any]] = {
     f"ambf_msgs/{name}State": (handle, getattr(msg, f"{name}State"), getattr(msg, f"{name}Cmd"))
@@ -68,7 +71,7 @@ class Client:
         only: Optional[Sequence[str]] = None,
         anonymous: bool = False,
     ) -> None:
-        """`client_name`: name of the ROS node, unless this process is one already. Two nodes of one name evict each other, unless
+        """`client_name`: name of the ROS node, unless this process is one already. Two nodes of one name evict each other (ROS 1), unless
         they are `anonymous`, which adds a number to the name.
 
         `max_discovery_attempts` is taken for scripts of client 3.0 and has no effect: `connect` has a time-out.
@@ -178,13 +181,15 @@ class Client:
         world._reset_pub = self.ral.publisher(f"{name}/Command/Reset", Empty, queue_size=1)
         world._reset_bodies_pub = self.ral.publisher(f"{name}/Command/Reset/Bodies", Empty, queue_size=1)
         world._sub = self.ral.subscriber(topic, msg.WorldState, world.ros_cb, queue_size=10, tcp_nodelay=True)
+        world.connect_services(self.ral)
         self._world = world
 
     def _make(self, topic: str, name: str, handle: Type[Any], state: Any, command: Any) -> BaseObject:
         made: BaseObject = handle(self.ral, name)
         made._topic = name
         made._pub = self.ral.publisher(f"{name}/Command", command, queue_size=10, tcp_nodelay=True)
-        made._sub = self.ral.subscriber(topic, state, made.ros_cb, queue_size=10, tcp_nodelay=True)
+        queue = _QUEUE[self.ral.ros_version()]
+        made._sub = self.ral.subscriber(topic, state, made.ros_cb, queue_size=queue, tcp_nodelay=True)
         return made
 
     def _hear_all(self, end: float, timeout: float) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any, Dict, Optional, Sequence, Tuple, Type
+from typing import Any, Dict, Sequence, Tuple, Type
 
 from ambf_msgs.msg import WorldCmd, WorldState
 from ambf_msgs.srv import AddModel, ListModels, RemoveModel, Step
@@ -18,14 +18,19 @@ from .ghost import GhostObject
 from .handle import Handle
 from .rigid_body import RigidBody
 from .ros import Connection
-from .ros_abstraction_layer import ral_may_come_first, request
+from .ros_abstraction_layer import ral, ral_may_come_first, request
 from .sensor import Sensor
 
 # What the reports of a lost simulation begin with.
 _LOST = "lost at step"
 
 # Services by their names of ROS 1.
-_SERVICES: Dict[str, Any] = {"step": Step, "add_model": AddModel, "remove_model": RemoveModel, "list_models": ListModels}
+_SERVICES: Dict[str, Any] = {
+    "step": Step,
+    "add_model": AddModel,
+    "remove_model": RemoveModel,
+    "list_models": ListModels,
+}
 
 # A reset has ended a loss after so long, s.
 _RESUME_S = 5.0
@@ -60,10 +65,7 @@ class World(Handle):
         self.object_type = "WORLD"
         self._reset_pub: Any = None
         self._reset_bodies_pub: Any = None
-        # From the start: an answer to the first call could come before the service knows where to send it.
-        self._services: Dict[str, Connection] = (
-            {} if self._ral is None else {name: self._connection(name, kind) for name, kind in _SERVICES.items()}
-        )
+        self._services: Dict[str, Connection] = {}
 
     # --- life -------------------------------------------------------------------------------------------------------------------
 
@@ -266,9 +268,11 @@ class World(Handle):
             raise SimulatorNotFound(f"{self._name} has no simulator: it was not found by a Client")
         return self._services[service].call(asked, timeout)
 
-    def _connection(self, service: str, kind: Any) -> Connection:
-        """A connection to a service of the world, by its name of ROS 1; that of ROS 2 is `AddModel` instead of `add_model`."""
-        assert self._ral is not None
-        if self._ral.ros_version() == 2:
-            service = service.title().replace("_", "")
-        return self._ral.connection(f"{self._topic}/{service}", kind)
+    def connect_services(self, layer: ral) -> None:
+        """Lets the services be called: long before the first call, so that each knows by then where to send its answers.
+
+        ROS 2 calls them `AddModel` instead of `add_model`.
+        """
+        for name, kind in _SERVICES.items():
+            full = name if layer.ros_version() == 1 else name.title().replace("_", "")
+            self._services[name] = layer.connection(f"{self._topic}/{full}", kind)
