@@ -199,7 +199,7 @@ class Client:
         while not (world._count and world._pub and self.ral.get_num_connections(world._pub)):
             if time.monotonic() > end:
                 raise SimulatorNotFound(
-                    f"{self._where()} {world._topic} is there, but has said nothing within {timeout} s; has the simulator ended?"
+                    f"{self._where()} {world._topic} is registered, and has said nothing within {timeout} s; has the simulator ended?"
                 )
             time.sleep(0.005)
         silent = list(self._objects.values())
