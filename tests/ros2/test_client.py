@@ -10,7 +10,7 @@ import tempfile
 from harness import PATIENCE_S, REPOSITORY, Ros2Test, environment, program
 from simulator import Simulator
 
-os.environ["ROS_VERSION"] = "2"
+# There is no rospy here: without ROS_VERSION the client chooses ROS 2.
 CLIENT = REPOSITORY / "python/ambf_client"
 sys.path[:0] = [str(CLIENT / "src"), str(CLIENT / "tests"), str(REPOSITORY / "python/tests")]
 
@@ -98,7 +98,9 @@ class Programs(Ros2Test):
 
     def program(self, *arguments):
         """A Python program in this domain."""
-        variables = dict(environment(self.domain), PYTHONPATH=f"{CLIENT / 'src'}:{os.environ['PYTHONPATH']}")
+        variables = dict(
+            environment(self.domain), ROS_VERSION="2", PYTHONPATH=f"{CLIENT / 'src'}:{os.environ['PYTHONPATH']}"
+        )
         running = subprocess.Popen(
             [sys.executable, "-u", "-W", "ignore", *map(str, arguments)],
             env=variables,
@@ -128,7 +130,6 @@ class Programs(Ros2Test):
         """The one that python/tests/test_client_3.py runs with ROS 1."""
         self.simulator()
         self.check(self.program(REPOSITORY / "python/tests/usage_3_0.py"), "cleaned up")
-
 
     def test_the_layer(self):
         """It is there from the start, its topics are where they should be, and Ctrl+C ends loops, hooks and node."""
