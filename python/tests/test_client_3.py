@@ -1,141 +1,19 @@
 """Scripts written for client 2.0 in scenes for 3.0, scripts for client 3.0, and the messages that 3.0 added."""
 
-import json
 import sys
 import threading
 import time
 
 import harness
+import jaws
 import rospy
 import support
 from ambf_client import Client, ContactSensor, GhostObject, SimulationLost
 from ambf_msgs.msg import RigidBodyState
 from ambf_msgs.srv import Step
 from ros_abstraction_layer import ral
-from scenes import NOWHERE, box, model
 
-LEVEL = {"r": 0.0, "p": 0.0, "y": 0.0}
 BODIES = "/ambf/env/BODY"
-
-
-def xyz(x, y, z):
-    return {"x": x, "y": y, "z": z}
-
-
-def at(x, y, z):
-    return {"position": xyz(x, y, z), "orientation": LEVEL}
-
-
-def block(name, mass, size, x, z, **more):
-    """A box with edges `size` (m) at (x, 0, z)."""
-    edges = xyz(*size)
-    return {**box(name, mass, x=x, z=z), "geometry": edges, "collision geometry": edges, **more}
-
-
-def ghost(name, parent, size, x, z, **more):
-    """A ghost object of that size; (x, 0, z) is in the frame of the parent, or in the world."""
-    edges = xyz(*size)
-    shape = {"shape": "Box", "geometry": edges, "collision shape": "Box", "collision geometry": edges}
-    return {"name": name, "parent": parent, "location": at(x, 0.0, z), **shape, **more}
-
-
-def joint(name, kind, parent, child, axis, low, high, controller, **pivots):
-    """A joint whose axis is the same in both bodies."""
-    return {
-        "name": name,
-        "type": kind,
-        "parent": parent,
-        "child": child,
-        "parent axis": xyz(*axis),
-        "child axis": xyz(*axis),
-        "parent pivot": xyz(*pivots["parent_pivot"]),
-        "child pivot": xyz(*pivots["child_pivot"]),
-        "joint limits": {"low": low, "high": high},
-        "controller": controller,
-    }
-
-
-def arm():
-    """A gripper of two jaws that a slide lifts, as the Blender add-on writes it: a ghost in each jaw feels what is graspable."""
-    weightless = {"gravity": NOWHERE}
-    bodies = {
-        "BODY baselink": block("baselink", 0.0, (0.1, 0.1, 0.04), 0.0, -0.9),
-        "BODY toollink": block("toollink", 0.5, (0.12, 0.04, 0.04), 0.0, -1.385, **weightless),
-    }
-    joints = {
-        "JOINT lift": joint(
-            "lift",
-            "prismatic",
-            "BODY baselink",
-            "BODY toollink",
-            (0.0, 0.0, 1.0),
-            -0.01,
-            0.3,
-            {"P": 1000.0, "I": 0.0, "D": 60.0},
-            parent_pivot=(0.0, 0.0, -0.485),
-            child_pivot=(0.0, 0.0, 0.0),
-        )
-    }
-    ghosts = {}
-    for side, sign in (("left", -1.0), ("right", 1.0)):
-        finger = f"BODY {side} finger"
-        bodies[finger] = block(f"{side} finger", 0.05, (0.01, 0.03, 0.08), 0.04 * sign, -1.455, **weightless)
-        joints[f"JOINT {side}_jaw"] = joint(
-            f"{side}_jaw",
-            "revolute",
-            "BODY toollink",
-            finger,
-            # Positive closes.
-            (0.0, sign, 0.0),
-            -0.1,
-            0.8,
-            {"P": 5.0, "I": 0.0, "D": 1.0},
-            parent_pivot=(0.04 * sign, 0.0, -0.03),
-            child_pivot=(0.0, 0.0, 0.04),
-        )
-        # In front of the finger's inner side.
-        key = f"GHOST {side} finger ghost"
-        name = f"{side}_finger_ghost"
-        ghosts[key] = ghost(name, finger, (0.008, 0.02, 0.03), -0.01 * sign, -0.022, **{"collision groups": [1]})
-    actuators = {"ACTUATOR Actuator0": {"name": "Actuator0", "type": "Constraint", "parent": "BODY toollink"}}
-    return {
-        **model(bodies, joints),
-        **ghosts,
-        **actuators,
-        "namespace": "/ambf/env/psm1/",
-        "ghost objects": list(ghosts),
-        "actuators": list(actuators),
-    }
-
-
-def things():
-    """What lies about: a needle to grasp, an entry with a ghost around it, two exits and a ghost, a cup on a table that feels."""
-    light = {"inertia": {"ix": 1e-4, "iy": 1e-4, "iz": 1e-4}}
-    bodies = {
-        "BODY Needle": block("Needle", 0.1, (0.04, 0.04, 0.04), 0.0, -1.48, **light, **{"collision groups": [0, 1]}),
-        "BODY Entry1": block("Entry1", 0.0, (0.1, 0.1, 0.1), 1.0, -1.0, **{"collision groups": [2]}),
-        "BODY Exit1": block("Exit1", 0.0, (0.1, 0.1, 0.1), 1.5, -1.0),
-        "BODY Exit1b": block("Exit1b", 0.0, (0.1, 0.1, 0.1), 2.0, -1.0),
-        "BODY table": block("table", 0.0, (0.4, 0.4, 0.1), 3.0, -1.0),
-        "BODY cup": block("cup", 0.5, (0.1, 0.1, 0.1), 3.0, -0.9),
-    }
-    ghosts = {
-        f"GHOST {name}": ghost(name, "", (0.2, 0.2, 0.2), x, -1.0, **{"collision groups": [2]})
-        for name, x in (("ghostEntry1", 1.0), ("ghostExit1", 1.5))
-    }
-    scale = {"name": "scale", "type": "Contact", "parent": "BODY table", "distance threshold": 0.001}
-    sensors = {
-        "SENSOR scale": {**scale, "process contact details": True},
-        "SENSOR feeler": {**scale, "name": "feeler"},
-    }
-    return {
-        **model(bodies),
-        **ghosts,
-        **sensors,
-        "ignore inter-collision": False,
-        "ghost objects": list(ghosts),
-        "sensors": list(sensors),
-    }
 
 
 def setUpModule():
@@ -143,10 +21,7 @@ def setUpModule():
     global MASTER, SIMULATOR, CLIENT
     MASTER = harness.Master()
     support.use_master(MASTER.port)
-    files = []
-    for name, scene in (("arm", arm()), ("things", things())):
-        files.append(harness.folder / f"{name}.yaml")
-        files[-1].write_text(json.dumps(scene, indent=1))
+    files = jaws.write(harness.folder)
     launch = ("--launch_file", support.RESOURCES / "launch.yaml", "-a", ",".join(map(str, files)))
     SIMULATOR = harness.Simulator(MASTER.port, "-t", "1", *launch).wait_for_topics("/ambf/env/World/State")
     CLIENT = Client("tests", 5)

@@ -9,7 +9,7 @@ import sys
 import unittest
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-for name in ("ROS_DOMAIN_ID", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISTRO"):
+for name in ("ROS_DOMAIN_ID", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISTRO", "ROS_VERSION"):
     os.environ.pop(name, None)
 
 import rclpy  # noqa: E402

@@ -9,7 +9,7 @@ import time
 import types
 import unittest
 
-import rospy
+import versions
 from ambf_client import (
     Actuator,
     BaseObject,
@@ -25,7 +25,8 @@ from ambf_client import (
     WatchDog,
     World,
 )
-from ambf_client.errors import SimulationLost, StepRefused, UnsupportedCommand
+from ambf_client.base_object import quaternion
+from ambf_client.errors import SimulationLost, SimulatorNotFound, StepRefused, UnsupportedCommand
 from ambf_client.ros_abstraction_layer import ral
 from ambf_client.rotations import QuaternionLike, quaternion_from_rpy, quaternion_from_zyx, rpy_from_quaternion
 from ambf_msgs.msg import (
@@ -46,9 +47,7 @@ from std_msgs.msg import String
 FORCE, POSITION, VELOCITY = RigidBodyCmd.TYPE_FORCE, RigidBodyCmd.TYPE_POSITION, RigidBodyCmd.TYPE_VELOCITY
 
 
-def setUpModule():
-    """ROS time is the system's; no master is needed for that."""
-    rospy.rostime.set_rostime_initialized(True)
+setUpModule = versions.set_up
 
 
 def body(joints=4):
@@ -73,7 +72,7 @@ class Rotations(unittest.TestCase):
     def test_there_and_back(self):
         """Angles come back, in any octant."""
         for rpy in ((0.1, -0.2, 0.3), (-3.0, 1.5, 2.5), (1.0, -1.5, -3.1), (0.0, 0.0, 0.0)):
-            found = rpy_from_quaternion(Quaternion(*quaternion_from_rpy(*rpy)))
+            found = rpy_from_quaternion(quaternion(quaternion_from_rpy(*rpy)))
             for expected, angle in zip(rpy, found):
                 self.assertAlmostEqual(angle, expected, places=12)
 
@@ -81,7 +80,7 @@ class Rotations(unittest.TestCase):
         """At a pitch of 90° the rotation, not the angles, comes back."""
         for rpy in ((0.4, math.pi / 2, 0.1), (0.4, -math.pi / 2, 0.1)):
             q = quaternion_from_rpy(*rpy)
-            again = quaternion_from_rpy(*rpy_from_quaternion(Quaternion(*q)))
+            again = quaternion_from_rpy(*rpy_from_quaternion(quaternion(q)))
             self.assertAlmostEqual(abs(sum(a * b for a, b in zip(q, again))), 1.0, places=7)
 
     def test_order(self):
@@ -199,7 +198,7 @@ class Bodies(unittest.TestCase):
         handle.set_force(1, 2, 3)
         handle.run_publisher()
         self.assertEqual(handle.get_force_command().x, 1)
-        handle._watch_dog_deadline = rospy.Time.now() - rospy.Duration(1)
+        handle._watch_dog_deadline -= 1.0
         self.assertTrue(handle.is_wd_expired())
         handle.run_publisher()
         self.assertEqual((handle.get_force_command().x, list(handle._cmd.joint_cmds)), (0.0, [5.0]))
@@ -261,7 +260,7 @@ class Others(unittest.TestCase):
     def test_sensor(self):
         """Rays by index; None where there is none."""
         sensor = Sensor("/ambf/env/eye")
-        seen = [String("box"), String("")]
+        seen = [String(data="box"), String(data="")]
         sensor.ros_cb(
             SensorState(count=2, triggered=[True, False], range=[0.5], measurement=[0.25, 0.0], sensed_objects=seen)
         )
@@ -279,7 +278,7 @@ class Others(unittest.TestCase):
         ghost = GhostObject("/ambf/env/ghost")
         self.assertEqual((ghost.get_num_sensed_obj(), ghost.get_all_sensed_obj_names()), (0, []))
         names = ["/ambf/env/BODY Needle", "/ambf/env/BODY Thread"]
-        state = GhostObjectState(sensed_objects=[String(name) for name in names])
+        state = GhostObjectState(sensed_objects=[String(data=name) for name in names])
         state.pose.position.z = 0.5
         ghost.ros_cb(state)
         self.assertEqual((ghost.get_num_sensed_obj(), ghost.get_all_sensed_obj_names()), (2, names))
@@ -292,8 +291,8 @@ class Others(unittest.TestCase):
         self.assertEqual((sensor.get_num_contact_events(), sensor.get_contact_event(0)), (0, None))
         data = ContactData()
         data.distance.data, data.contact_normal.x = -0.002, 1.0
-        plane = ContactEvent(String("/ambf/env/BODY Plane"), [data])
-        sensor.ros_cb(ContactSensorState(contact_events=[plane, ContactEvent(String("other"), [])]))
+        plane = ContactEvent(object_name=String(data="/ambf/env/BODY Plane"), contact_data=[data])
+        sensor.ros_cb(ContactSensorState(contact_events=[plane, ContactEvent(object_name=String(data="other"))]))
         self.assertEqual(sensor.get_num_contact_events(), 2)
         event = sensor.get_contact_event(0)
         self.assertEqual(-event.contact_data[0].distance.data, 0.002)
@@ -363,11 +362,12 @@ class Others(unittest.TestCase):
         self.assertEqual(edges, [True, False, True])
         for wrong in (0, 101, -1):
             self.assertRaises(ValueError, world.set_num_step_skips, wrong)
-        world._watch_dog_deadline = rospy.Time.now() - rospy.Duration(1)
+        world._watch_dog_deadline -= 3.0
         with contextlib.redirect_stdout(io.StringIO()):
             world.run_publisher()
         self.assertFalse(world._cmd.enable_step_throttling)
         self.assertRaises(UnsupportedCommand, world.step, 1, [Camera("/ambf/env/cam")])
+        self.assertRaises(SimulatorNotFound, world.step, 1)
 
 
 class Names(unittest.TestCase):
@@ -474,13 +474,13 @@ class Lost(unittest.TestCase):
             result = types.SimpleNamespace(success=not message, message=message, sim_step=step, sim_time=0.0, **arrays)
             return types.SimpleNamespace(call=lambda request, timeout: result, close=lambda: None)
 
-        self.world._stepper = answer("too many steps")
+        self.world._services["step"] = answer("too many steps")
         self.assertRaises(StepRefused, self.world.step, 1)
-        self.world._stepper = answer(self.REASON)
+        self.world._services["step"] = answer(self.REASON)
         with self.assertRaisesRegex(SimulationLost, "^lost at step 7"):
             self.world.step(1)
         self.assertRaises(SimulationLost, self.body.get_pos)
-        self.world._stepper = answer(step=10)
+        self.world._services["step"] = answer(step=10)
         threading.Timer(0.1, self.hear, ["", 10]).start()
         self.assertEqual(self.world.step(3, reset=True).sim_step, 10)
         self.assertEqual(self.body.get_pos().x, 3.0)
@@ -542,6 +542,6 @@ class Modules(unittest.TestCase):
         for kind in (Actuator, Camera, ContactSensor, GhostObject, Object, RigidBody, Sensor, SoftBody, Vehicle, World):
             for made in (kind(layer, "/ambf/env/a"), kind(ral=layer, a_name="/ambf/env/a"), kind("/ambf/env/a")):
                 self.assertEqual(made.get_name(), "/ambf/env/a")
-        self.assertEqual(RigidBody(layer, "/ambf/env/a", 0.5)._watch_dog_time_out.to_sec(), 0.5)
-        self.assertEqual(WatchDog(layer, 0.5)._watch_dog_time_out.to_sec(), 0.5)
+        self.assertEqual(RigidBody(layer, "/ambf/env/a", 0.5)._watch_dog_time_out, 0.5)
+        self.assertEqual(WatchDog(layer, 0.5)._watch_dog_time_out, 0.5)
         self.assertEqual(Client("tests", 5)._client_name, "tests")

@@ -1,6 +1,8 @@
-"""The class between scripts and their version of ROS, without ROS."""
+"""The class between scripts and their version of ROS, with ROS 1, without a master."""
 
 import os
+import subprocess
+import sys
 import unittest
 from unittest import mock
 
@@ -23,12 +25,42 @@ class Layer(unittest.TestCase):
         self.ral = ral("tests", "/ns/", node=object())
 
     def test_versions(self):
-        """ROS 2 is an error that says so."""
+        """ROS 2 without rclpy, messages of the other version, and versions that do not exist are errors that say what to do."""
         self.assertEqual((ral.ros_version(), self.ral.ros_version()), (1, 1))
         with mock.patch.dict(os.environ, ROS_VERSION="2"):
-            with self.assertRaisesRegex(UnsupportedRos, "ROS_VERSION is 2"):
+            self.assertEqual(ral.ros_version(), 2)
+            with self.assertRaisesRegex(UnsupportedRos, "rclpy for ROS 2: .*pip install"):
                 ral("tests", node=object())
-            self.assertRaises(UnsupportedRos, ral.ros_version)
+            there = mock.patch("ambf_client.versions.find_spec", return_value=object())
+            with there, self.assertRaisesRegex(UnsupportedRos, "ROS 2 is meant.* for ROS 1: set ROS_VERSION=1"):
+                ral("tests", node=object())
+        with (
+            mock.patch.dict(os.environ, ROS_VERSION="3"),
+            self.assertRaisesRegex(ImportError, "ROS_VERSION is 3: .*1 or 2"),
+        ):
+            ral.ros_version()
+        with mock.patch.dict(os.environ), mock.patch("ambf_client.versions.find_spec") as find:
+            os.environ.pop("ROS_VERSION", None)
+            find.side_effect = lambda name: name == "rclpy" or None
+            self.assertEqual(ral.ros_version(), 2)
+            find.side_effect = lambda name: name
+            self.assertEqual(ral.ros_version(), 1)
+
+    def test_what_is_missing(self):
+        """A sentence says it when the package is imported, not a chain of errors when a topic is opened."""
+        for missing in ("rospy", "std_msgs"):
+            hidden = mock.patch(
+                "ambf_client.versions.find_spec", lambda name, missing=missing: None if name == missing else name
+            )
+            with (
+                hidden,
+                mock.patch.dict(os.environ, ROS_VERSION="1"),
+                self.assertRaisesRegex(UnsupportedRos, f"needs .*{missing} for ROS 1: "),
+            ):
+                ral("tests", node=object())
+        program = "import sys; sys.modules['ambf_msgs'] = None; import ambf_client"
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+        self.assertIn("ambf_msgs for ROS 1 are missing; `source scripts/ros-env`", done.stderr)
 
     def test_arguments(self):
         """Those for ROS are taken out."""

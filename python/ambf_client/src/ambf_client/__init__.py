@@ -1,4 +1,4 @@
-"""Client of the AMBF simulator: finds its objects over ROS 1, commands them and reads their states.
+"""Client of the AMBF simulator: finds its objects over ROS 1 or ROS 2, commands them and reads their states.
 
 SI units and radians everywhere. Poses of bodies, wrenches and twists are in world axes, poses of cameras, lights, sensors and
 actuators in the frame of their parent. Quaternions are (x, y, z, w).
@@ -6,13 +6,7 @@ actuators in the frame of their parent. Quaternions are (x, y, z, w).
 
 from __future__ import annotations
 
-try:
-    import ambf_msgs.msg  # noqa: F401
-except ImportError as _error:
-    raise ImportError(
-        "the Python classes of ambf_msgs are missing; `source scripts/ros-env` in the simulator's repository makes them"
-    ) from _error
-
+from . import installed  # noqa: F401
 from .actuator import Actuator
 from .base_object import BaseObject
 from .client import Client

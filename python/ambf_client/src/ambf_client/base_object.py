@@ -7,12 +7,12 @@ import sys
 import time
 from typing import Any, List, Sequence, Tuple
 
-import rospy
 from geometry_msgs.msg import Point, Pose, Quaternion
 from std_msgs.msg import Header, String
 
 from .errors import UnsupportedCommand
 from .handle import Handle
+from .ros_abstraction_layer import now_msg
 from .rotations import quaternion_from_rpy, rpy_from_quaternion
 
 # The children's and joints' names are in the state this long after they were asked for, s.
@@ -83,16 +83,14 @@ class BaseObject(Handle):
     def close(self) -> None:
         """Ends publishing and subscribing for good."""
         self._active = False
-        for end in (self._pub, self._sub):
-            if end is not None:
-                end.unregister()
+        self._close(self._pub)
+        self._close(self._sub)
         self._pub = self._sub = None
 
     def stop_listening(self) -> None:
         """Ends the subscription: states then come from `World.step` only."""
-        if self._sub is not None:
-            self._sub.unregister()
-            self._sub = None
+        self._close(self._sub)
+        self._sub = None
 
     def _wait_for_names(self) -> None:
         """Right after activation: names that had to be asked for first may be on their way."""
@@ -107,7 +105,7 @@ class BaseObject(Handle):
 
     def _apply_command(self) -> None:
         """Stamps the command and winds up the watch dog."""
-        self._cmd.header.stamp = rospy.Time.now()
+        self._cmd.header.stamp = now_msg(self._ral)
         self.acknowledge_wd()
 
     # --- state ------------------------------------------------------------------------------------------------------------------
@@ -159,13 +157,13 @@ class BaseObject(Handle):
         """Header of the last state."""
         return self._state.header
 
-    def get_msg_time_stamp(self) -> rospy.Time:
+    def get_msg_time_stamp(self) -> Any:
         """System time of the physics step of the last state."""
         return self._state.header.stamp
 
     def get_msg_seq_num(self) -> int:
-        """Running number of the last state."""
-        return int(self._state.header.seq)
+        """Running number of the last state; headers of ROS 2 have none: then of those that have come."""
+        return int(getattr(self._state.header, "seq", self._count))
 
     def get_msg_frame_id(self) -> str:
         """Frame in the last state's header: always empty."""
@@ -177,7 +175,7 @@ class BaseObject(Handle):
         """Commands a position, m; the commanded (else the present) orientation is kept."""
         self._check_pose_command()
         with self._lock:
-            self.set_pose(Pose(_point(px, py, pz), self.get_rot_command()))
+            self.set_pose(Pose(position=point(px, py, pz), orientation=self.get_rot_command()))
 
     def set_rpy(self, roll: float, pitch: float, yaw: float) -> None:
         """Commands an orientation, angles about the fixed axes x, y, z, rad; the commanded (else the present) position is kept."""
@@ -188,10 +186,10 @@ class BaseObject(Handle):
         """Commands an orientation, a quaternion [x, y, z, w]; the commanded (else the present) position is kept."""
         if len(quat) != 4:
             raise ValueError(f"a quaternion has four numbers, not {len(quat)}")
-        rotation = Quaternion(*(number(q, "the quaternion") for q in quat))
+        rotation = quaternion([number(q, "the quaternion") for q in quat])
         self._check_pose_command()
         with self._lock:
-            self.set_pose(Pose(self.get_pos_command(), rotation))
+            self.set_pose(Pose(position=self.get_pos_command(), orientation=rotation))
 
     def set_pose(self, pose: Pose) -> None:
         """Commands a pose, `geometry_msgs/Pose`."""
@@ -210,8 +208,15 @@ class BaseObject(Handle):
             )
 
 
-def _point(x: float, y: float, z: float) -> Point:
-    return Point(number(x, "x"), number(y, "y"), number(z, "z"))
+def point(x: float, y: float, z: float) -> Point:
+    """A `geometry_msgs/Point`. Raises ValueError if a number is not finite."""
+    return Point(x=number(x, "x"), y=number(y, "y"), z=number(z, "z"))
+
+
+def quaternion(xyzw: Sequence[float]) -> Quaternion:
+    """A `geometry_msgs/Quaternion`."""
+    x, y, z, w = xyzw
+    return Quaternion(x=x, y=y, z=z, w=w)
 
 
 def check_pose(pose: Pose) -> None:

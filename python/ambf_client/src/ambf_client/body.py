@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3, Wrench
+from geometry_msgs.msg import Point, Pose, Vector3, Wrench
 
-from .base_object import number
+from .base_object import number, point, quaternion
 from .joints import JointStates
 from .rotations import quaternion_from_zyx
 
@@ -14,7 +14,9 @@ class Body(JointStates):
 
     def get_inertia(self) -> Point:
         """Principal moments of inertia, kg·m²."""
-        return self._state.pInertia
+        state = self._state
+        # ROS 2 refuses the name that it has in ROS 1.
+        return state.p_inertia if hasattr(state, "p_inertia") else state.pInertia
 
     def get_force_command(self) -> Vector3:
         """Commanded force, N."""
@@ -53,16 +55,16 @@ class Body(JointStates):
     def set_force(self, fx: float, fy: float, fz: float) -> None:
         """A force at the centre of mass, N, world axes; the commanded torque is kept. To be refreshed at 10 Hz or more."""
         with self._lock:
-            self.set_wrench(Wrench(vector(fx, fy, fz), self._cmd.wrench.torque))
+            self.set_wrench(Wrench(force=vector(fx, fy, fz), torque=self._cmd.wrench.torque))
 
     def set_torque(self, nx: float, ny: float, nz: float) -> None:
         """A torque, N·m, world axes; the commanded force is kept. To be refreshed at 10 Hz or more."""
         with self._lock:
-            self.set_wrench(Wrench(self._cmd.wrench.force, vector(nx, ny, nz)))
+            self.set_wrench(Wrench(force=self._cmd.wrench.force, torque=vector(nx, ny, nz)))
 
     def wrench_command(self, fx: float, fy: float, fz: float, nx: float, ny: float, nz: float) -> None:
         """Force, N, and torque, N·m, world axes. To be refreshed at 10 Hz or more."""
-        self.set_wrench(Wrench(vector(fx, fy, fz), vector(nx, ny, nz)))
+        self.set_wrench(Wrench(force=vector(fx, fy, fz), torque=vector(nx, ny, nz)))
 
     def set_wrench(self, wrench: Wrench) -> None:
         """A `geometry_msgs/Wrench`, N and N·m, world axes. To be refreshed at 10 Hz or more."""
@@ -90,13 +92,13 @@ class Body(JointStates):
         """
         del jnt_cmds
         angles = [number(angle, "an angle") for angle in (roll, pitch, yaw)]
-        position = vector(px, py, pz)
-        self.set_pose(Pose(Point(position.x, position.y, position.z), Quaternion(*quaternion_from_zyx(*angles))))
+        rotation = quaternion(quaternion_from_zyx(*angles))
+        self.set_pose(Pose(position=point(px, py, pz), orientation=rotation))
 
 
 def vector(x: float, y: float, z: float) -> Vector3:
     """A `geometry_msgs/Vector3`. Raises ValueError if a number is not finite."""
-    return Vector3(number(x, "x"), number(y, "y"), number(z, "z"))
+    return Vector3(x=number(x, "x"), y=number(y, "y"), z=number(z, "z"))
 
 
 def check_vectors(*vectors: Vector3) -> None:

@@ -8,21 +8,20 @@ import threading
 import time
 from typing import Any, Dict, List, Optional, Sequence, Tuple, Type
 
-import rosgraph
-import rospy
 from ambf_msgs import msg
 from std_msgs.msg import Empty
 
 from .actuator import Actuator
 from .base_object import BaseObject, say
 from .contact_sensor import ContactSensor
-from .errors import ObjectNotFound, SimulatorNotFound
+from .errors import MasterNotFound, ObjectNotFound, SimulatorNotFound
 from .ghost import GhostObject
 from .handle import Health
 from .legacy_object import Object
 from .posed import Camera, Light
 from .rigid_body import RigidBody
-from .ros_abstraction_layer import become_node, master_uri, ral
+from .ros import Ros
+from .ros_abstraction_layer import ral
 from .sensor import Sensor
 from .soft_body import SoftBody
 from .vehicle import Vehicle
@@ -32,6 +31,9 @@ _STATE = "/State"
 
 # All objects are there when none has come for so long, s.
 _QUIET_S = 0.2
+
+# States that wait to be taken. A client of ROS 2 that cannot keep up would read them late.
+_QUEUE = {1: 10, 2: 1}
 
 # Message type of the state: handle and message type of the command.
 _KINDS: Dict[str, Tuple[Type[Any], Any, Any]] = {
@@ -69,7 +71,7 @@ class Client:
         only: Optional[Sequence[str]] = None,
         anonymous: bool = False,
     ) -> None:
-        """`client_name`: name of the ROS node, unless this process is one already. Two nodes of one name evict each other, unless
+        """`client_name`: name of the ROS node, unless this process is one already. Two nodes of one name evict each other (ROS 1), unless
         they are `anonymous`, which adds a number to the name.
 
         `max_discovery_attempts` is taken for scripts of client 3.0 and has no effect: `connect` has a time-out.
@@ -79,11 +81,12 @@ class Client:
         """
         del max_discovery_attempts
         self._client_name = client_name
-        self._ral: Optional[ral] = None
+        self.ral = ral.later(client_name, anonymous)
+        """The node; it is made when something needs it."""
+        self._ros: Optional[Ros] = None
         self._health = Health()
         self._namespace = namespace.rstrip("/")
         self._only = only
-        self._anonymous = anonymous
         self._ros_topics: List[Any] = []
         self._objects: Dict[str, BaseObject] = {}
         self._world: Optional[World] = None
@@ -122,27 +125,36 @@ class Client:
                 quiet_since, known = time.monotonic(), len(self._objects)
             if self._world is None and time.monotonic() > end:
                 raise SimulatorNotFound(
-                    f"the ROS master at {master_uri()} answers, but within {timeout} s no simulator has published a world; does it run?"
+                    f"{self._where()} within {timeout} s no simulator has published a world; does it run?"
                 )
             time.sleep(0.02)
         self._hear_all(end, timeout)
 
     def _join_ros(self, end: float) -> None:
-        if become_node(self._client_name, self._anonymous, end):
-            rospy.on_shutdown(self.clean_up)
+        if self._ros is not None:
+            return
+        self._ros = self.ral._join(end)
+        if self._ros.made:
+            self._ros.on_shutdown(self.clean_up)
         else:
-            self._client_name = rospy.get_name()
+            self._client_name = self._ros.name()
+
+    def _where(self) -> str:
+        """Where simulators are looked for."""
+        return self._ros.where() if self._ros is not None else ""
 
     def _find(self) -> bool:
-        """Makes handles for what is new at the master; False if it doesn't answer."""
+        """Makes handles for what is new; False if the master doesn't answer."""
         try:
-            self._ros_topics = rospy.get_published_topics()
-        except (OSError, rosgraph.MasterException):
+            self._ros_topics = self.ral.get_published_topics()
+        except MasterNotFound:
             return False
-        for topic, kind in self._ros_topics:
+        for topic, full_kind in self._ros_topics:
             if not topic.startswith(f"{self._namespace}/"):
                 continue
             name = topic.replace(_STATE, "")
+            # ROS 2 says `ambf_msgs/msg/WorldState`.
+            kind = full_kind.replace("/msg/", "/")
             if kind == "ambf_msgs/WorldState":
                 self._add_world(topic)
             elif kind in _KINDS and name not in self._objects and self._is_wanted(name):
@@ -162,31 +174,32 @@ class Client:
             if self._world._topic == name:
                 return
             self._world.close()
-        world = World("World", name)
+        world = World(self.ral, "World", name)  # type: ignore[call-arg, arg-type]
         self._health.lost = ""
         world._health = self._health
-        world._pub = rospy.Publisher(f"{name}/Command", msg.WorldCmd, queue_size=10, tcp_nodelay=True)
-        world._reset_pub = rospy.Publisher(f"{name}/Command/Reset", Empty, queue_size=1)
-        world._reset_bodies_pub = rospy.Publisher(f"{name}/Command/Reset/Bodies", Empty, queue_size=1)
-        world._sub = rospy.Subscriber(topic, msg.WorldState, world.ros_cb, queue_size=10, tcp_nodelay=True)
+        world._pub = self.ral.publisher(f"{name}/Command", msg.WorldCmd, queue_size=10, tcp_nodelay=True)
+        world._reset_pub = self.ral.publisher(f"{name}/Command/Reset", Empty, queue_size=1)
+        world._reset_bodies_pub = self.ral.publisher(f"{name}/Command/Reset/Bodies", Empty, queue_size=1)
+        world._sub = self.ral.subscriber(topic, msg.WorldState, world.ros_cb, queue_size=10, tcp_nodelay=True)
+        world.connect_services(self.ral)
         self._world = world
 
-    @staticmethod
-    def _make(topic: str, name: str, handle: Type[Any], state: Any, command: Any) -> BaseObject:
-        made: BaseObject = handle(name)
+    def _make(self, topic: str, name: str, handle: Type[Any], state: Any, command: Any) -> BaseObject:
+        made: BaseObject = handle(self.ral, name)
         made._topic = name
-        made._pub = rospy.Publisher(f"{name}/Command", command, queue_size=10, tcp_nodelay=True)
-        made._sub = rospy.Subscriber(topic, state, made.ros_cb, queue_size=10, tcp_nodelay=True)
+        made._pub = self.ral.publisher(f"{name}/Command", command, queue_size=10, tcp_nodelay=True)
+        queue = _QUEUE[self.ral.ros_version()]
+        made._sub = self.ral.subscriber(topic, state, made.ros_cb, queue_size=queue, tcp_nodelay=True)
         return made
 
     def _hear_all(self, end: float, timeout: float) -> None:
         """Waits until everything has spoken, and the world listens."""
         world = self._world
         assert world is not None
-        while not (world._count and world._pub and world._pub.get_num_connections()):
+        while not (world._count and world._pub and self.ral.get_num_connections(world._pub)):
             if time.monotonic() > end:
                 raise SimulatorNotFound(
-                    f"{world._topic} is registered at {master_uri()}, but has said nothing within {timeout} s; has the simulator ended?"
+                    f"{self._where()} {world._topic} is registered, and has said nothing within {timeout} s; has the simulator ended?"
                 )
             time.sleep(0.005)
         silent = list(self._objects.values())
@@ -212,13 +225,13 @@ class Client:
 
     def _publish(self) -> None:
         due = time.monotonic()
-        while not self._stop.is_set() and not rospy.is_shutdown():
+        while not self._stop.is_set() and not self.ral.is_shutdown():
             active: List[Any] = [handle for handle in list(self._objects.values()) if handle.is_active()]
             if self._world is not None and self._world.is_active():
                 active.append(self._world)
             for handle in active:
                 # The topic may have been closed meanwhile.
-                with contextlib.suppress(rospy.ROSException):
+                with contextlib.suppress(*self._ros.CLOSED if self._ros is not None else ()):
                     handle.run_publisher()
             due = max(due + 1.0 / self._publish_rate, time.monotonic())
             self._stop.wait(due - time.monotonic())
@@ -245,26 +258,24 @@ class Client:
     # --- ROS, as in client 3.0 --------------------------------------------------------------------------------------------------
 
     def get_ral(self) -> ral:
-        """The ROS node of this process, which becomes one now if need be.
+        """The same as `ral`, whose node is made now if need be.
 
-        Raises MasterNotFound if no ROS master answers within 5 s, UnsupportedRos if the environment asks for ROS 2.
+        Raises MasterNotFound if no master of ROS 1 answers within 5 s, UnsupportedRos if Python packages are missing.
         """
-        if self._ral is None:
-            self._join_ros(time.monotonic() + 5.0)
-            self._ral = ral(self._client_name)
-        return self._ral
+        self._join_ros(time.monotonic() + 5.0)
+        return self.ral
 
     def get_time(self) -> float:
         """ROS time, s; raises as `get_ral`."""
-        return self.get_ral().now().to_sec()  # type: ignore[no-any-return]
+        return self.get_ral().to_sec(self.ral.now())
 
-    def create_rate(self, Hz: float) -> rospy.Rate:
+    def create_rate(self, Hz: float) -> Any:
         """A rate whose `sleep` keeps a loop at `Hz`; raises as `get_ral`."""
         return self.get_ral().create_rate(Hz)
 
     def is_shutdown(self) -> bool:
         """Whether the ROS node has ended."""
-        return bool(rospy.is_shutdown())
+        return self.ral.is_shutdown()
 
     # --- objects ----------------------------------------------------------------------------------------------------------------
 

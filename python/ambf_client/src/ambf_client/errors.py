@@ -8,11 +8,11 @@ class ClientError(Exception):
 
 
 class MasterNotFound(ClientError):
-    """Error when no ROS master answers in time."""
+    """Error when no master of ROS 1 answers in time."""
 
 
 class SimulatorNotFound(ClientError):
-    """Error when a ROS master answers, but no simulator speaks in time."""
+    """Error when ROS is there, but no simulator speaks in time."""
 
 
 class ObjectNotFound(ClientError, LookupError):
@@ -34,8 +34,8 @@ class SimulationLost(ClientError):
     """
 
 
-class UnsupportedRos(ClientError):
-    """Error when the environment asks for ROS 2, which is not served yet."""
+class UnsupportedRos(ClientError, ImportError):
+    """Error when the environment asks for a version of ROS that does not exist, or whose Python packages are missing."""
 
 
 class UnsupportedCommand(ClientError, AttributeError):

@@ -6,8 +6,6 @@ import threading
 import time
 from typing import Any, Callable, Optional
 
-import rospy
-
 from .errors import SimulationLost, SimulatorTimeout
 from .watch_dog import WatchDog
 
@@ -44,8 +42,8 @@ class Handle(WatchDog):
         self._topic = topic
         self._newest = state
         self._cmd = command
-        self._pub: Optional[rospy.Publisher] = None
-        self._sub: Optional[rospy.Subscriber] = None
+        self._pub: Any = None
+        self._sub: Any = None
         self._active = False
         self._count = 0
         # Older states than that of the last step may still be on their way.
@@ -74,6 +72,11 @@ class Handle(WatchDog):
             self._state = data
             self._count += 1
             self._arrived.notify_all()
+
+    def _close(self, end: Any) -> None:
+        """Ends a publisher or subscriber, if it is one."""
+        if end is not None and self._ral is not None:
+            self._ral.close(end)
 
     def _is_late(self, state: Any) -> bool:
         """Whether a state is older than that of the last step."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any, Optional, Sequence
 
 from ambf_msgs.msg import RigidBodyCmd, RigidBodyState
-from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
+from geometry_msgs.msg import Pose, Twist, Vector3
 
-from .base_object import check_pose, number, say
+from .base_object import check_pose, number, point, quaternion, say
 from .body import Body, check_vectors, vector
 from .joints import NameOrIndex
 from .ros_abstraction_layer import ral_may_come_first
@@ -88,24 +88,24 @@ class RigidBody(Body):
     def set_pose_rpy(self, px: float, py: float, pz: float, roll: float, pitch: float, yaw: float) -> None:
         """A pose: position, m, and angles about the fixed axes x, y, z, rad, as in `set_rpy` and `get_rpy`."""
         angles = [number(angle, "an angle") for angle in (roll, pitch, yaw)]
-        position = vector(px, py, pz)
-        self.set_pose(Pose(Point(position.x, position.y, position.z), Quaternion(*quaternion_from_rpy(*angles))))
+        rotation = quaternion(quaternion_from_rpy(*angles))
+        self.set_pose(Pose(position=point(px, py, pz), orientation=rotation))
 
     # --- twist ------------------------------------------------------------------------------------------------------------------
 
     def set_linear_vel(self, vx: float, vy: float, vz: float) -> None:
         """A velocity of the centre of mass, m/s, world axes; the commanded angular velocity is kept."""
         with self._lock:
-            self.set_twist(Twist(vector(vx, vy, vz), self._cmd.twist.angular))
+            self.set_twist(Twist(linear=vector(vx, vy, vz), angular=self._cmd.twist.angular))
 
     def set_angular_vel(self, ax: float, ay: float, az: float) -> None:
         """An angular velocity, rad/s, world axes; the commanded velocity is kept."""
         with self._lock:
-            self.set_twist(Twist(self._cmd.twist.linear, vector(ax, ay, az)))
+            self.set_twist(Twist(linear=self._cmd.twist.linear, angular=vector(ax, ay, az)))
 
     def velocity_command(self, vx: float, vy: float, vz: float, ax: float, ay: float, az: float) -> None:
         """Velocity of the centre of mass, m/s, and angular velocity, rad/s, world axes."""
-        self.set_twist(Twist(vector(vx, vy, vz), vector(ax, ay, az)))
+        self.set_twist(Twist(linear=vector(vx, vy, vz), angular=vector(ax, ay, az)))
 
     def set_twist(self, twist: Twist) -> None:
         """A `geometry_msgs/Twist`, m/s and rad/s, world axes."""

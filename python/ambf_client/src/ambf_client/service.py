@@ -43,8 +43,10 @@ class ServiceConnection:
             self._socket = self._connect(timeout)
         try:
             self._socket.settimeout(timeout)
-            self._buffer.seek(4)
+            self._buffer.seek(0)
             self._buffer.truncate()
+            # Room for the length.
+            self._buffer.write(bytes(4))
             request.serialize(self._buffer)
             data = self._buffer.getbuffer()
             struct.pack_into("<I", data, 0, len(data) - 4)

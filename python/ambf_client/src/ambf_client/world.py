@@ -4,26 +4,33 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any, Dict, Optional, Sequence, Tuple, Type
+from typing import Any, Dict, Sequence, Tuple, Type
 
-import rospy
 from ambf_msgs.msg import WorldCmd, WorldState
-from ambf_msgs.srv import Step, StepRequest
+from ambf_msgs.srv import AddModel, ListModels, RemoveModel, Step
 from std_msgs.msg import Empty
 
 from .actuator import Actuator
 from .base_object import BaseObject
 from .contact_sensor import ContactSensor
-from .errors import SimulationLost, SimulatorTimeout, StepRefused, UnsupportedCommand
+from .errors import SimulationLost, SimulatorNotFound, SimulatorTimeout, StepRefused, UnsupportedCommand
 from .ghost import GhostObject
 from .handle import Handle
 from .rigid_body import RigidBody
-from .ros_abstraction_layer import ral_may_come_first
+from .ros import Connection
+from .ros_abstraction_layer import ral, ral_may_come_first, request
 from .sensor import Sensor
-from .service import ServiceConnection
 
 # What the reports of a lost simulation begin with.
 _LOST = "lost at step"
+
+# Services by their names of ROS 1.
+_SERVICES: Dict[str, Any] = {
+    "step": Step,
+    "add_model": AddModel,
+    "remove_model": RemoveModel,
+    "list_models": ListModels,
+}
 
 # A reset has ended a loss after so long, s.
 _RESUME_S = 5.0
@@ -56,9 +63,9 @@ class World(Handle):
         """`a_name`: name of the handle; `topic`: what its topics begin with, `/ambf/env/World`."""
         super().__init__(a_name, 2.0, WorldState(), WorldCmd(), topic)
         self.object_type = "WORLD"
-        self._reset_pub: Optional[rospy.Publisher] = None
-        self._reset_bodies_pub: Optional[rospy.Publisher] = None
-        self._stepper = ServiceConnection(f"{topic}/step", Step)
+        self._reset_pub: Any = None
+        self._reset_bodies_pub: Any = None
+        self._services: Dict[str, Connection] = {}
 
     # --- life -------------------------------------------------------------------------------------------------------------------
 
@@ -88,10 +95,10 @@ class World(Handle):
     def close(self) -> None:
         """Ends publishing and subscribing for good."""
         self._active = False
-        self._stepper.close()
+        for connection in self._services.values():
+            connection.close()
         for end in (self._pub, self._reset_pub, self._reset_bodies_pub, self._sub):
-            if end is not None:
-                end.unregister()
+            self._close(end)
         self._pub = self._reset_pub = self._reset_bodies_pub = self._sub = None
 
     # --- state ------------------------------------------------------------------------------------------------------------------
@@ -156,7 +163,7 @@ class World(Handle):
         """Rigid bodies return to where they started. A lost simulation resumes: it is waited for."""
         self._reset(self._reset_bodies_pub)
 
-    def _reset(self, publisher: Optional[rospy.Publisher]) -> None:
+    def _reset(self, publisher: Any) -> None:
         if publisher is None:
             return
         self._send(publisher)
@@ -167,13 +174,12 @@ class World(Handle):
         with self._arrived:
             self._arrived.wait_for(lambda: not self._health.lost, _RESUME_S)
 
-    @staticmethod
-    def _send(publisher: rospy.Publisher) -> None:
+    def _send(self, publisher: Any) -> None:
         # The first message would be lost while the simulator is still connecting.
         end = time.monotonic() + 5.0
-        while publisher.get_num_connections() == 0:
+        while self._ral is not None and self._ral.get_num_connections(publisher) == 0:
             if time.monotonic() > end:
-                raise SimulatorTimeout(f"nobody listens to {publisher.name}")
+                raise SimulatorTimeout(f"nobody listens to the resets of {self._topic}")
             time.sleep(0.005)
         publisher.publish(Empty())
 
@@ -204,15 +210,15 @@ class World(Handle):
         with the simulator's reason for other refusals; SimulatorNotFound if it is not there or has no steps (the C++ simulator),
         SimulatorTimeout if no answer comes within `timeout` s.
         """
-        request = StepRequest(steps=steps, reset=reset, patience=patience)
+        asked = request(Step, steps=int(steps), reset=bool(reset), patience=float(patience))
         for handle in commands:
             with handle._lock:
                 if isinstance(handle, RigidBody):
-                    request.body_names.append(handle._topic)
-                    request.body_commands.append(handle._cmd)
+                    asked.body_names.append(handle._topic)
+                    asked.body_commands.append(handle._cmd)
                 elif isinstance(handle, Actuator):
-                    request.actuator_names.append(handle._topic)
-                    request.actuator_commands.append(handle._cmd)
+                    asked.actuator_names.append(handle._topic)
+                    asked.actuator_commands.append(handle._cmd)
                 else:
                     raise UnsupportedCommand(f"{handle.get_name()}: steps command rigid bodies and actuators only")
         for handle in observe:
@@ -220,8 +226,8 @@ class World(Handle):
                 raise UnsupportedCommand(
                     f"{handle.get_name()}: steps observe rigid bodies, sensors, ghost objects and actuators only"
                 )
-            request.observe.append(handle._topic)
-        answer = self._stepper.call(request, timeout)
+            asked.observe.append(handle._topic)
+        answer = self._ask("step", asked, timeout)
         if not answer.success:
             if answer.message.startswith(_LOST):
                 self._health.lost = answer.message
@@ -238,3 +244,35 @@ class World(Handle):
             handle.take_step(state)
             states[handle.get_name()] = state
         return StepResult(int(answer.sim_step), float(answer.sim_time), states)
+
+    # --- services of this simulator ---------------------------------------------------------------------------------------------
+
+    def add_model(self, file: str, timeout: float = 60.0) -> Any:
+        """Loads a model into the running simulation: an answer with `success`, `model`, its name, and `message`.
+
+        `file`: path of its file, for the simulator. `Client.wait_for_object` then finds its objects. Raises SimulatorNotFound and
+        SimulatorTimeout as `step` does.
+        """
+        return self._ask("add_model", request(AddModel, file=str(file)), timeout)
+
+    def remove_model(self, model: str, timeout: float = 60.0) -> Any:
+        """Removes a model from the running simulation: an answer with `success` and `message`. Raises as `add_model`."""
+        return self._ask("remove_model", request(RemoveModel, model=str(model)), timeout)
+
+    def list_models(self, timeout: float = 10.0) -> Any:
+        """The models that there are: an answer with `models`, their names. Raises as `add_model`."""
+        return self._ask("list_models", request(ListModels), timeout)
+
+    def _ask(self, service: str, asked: Any, timeout: float) -> Any:
+        if service not in self._services:
+            raise SimulatorNotFound(f"{self._name} has no simulator: it was not found by a Client")
+        return self._services[service].call(asked, timeout)
+
+    def connect_services(self, layer: ral) -> None:
+        """Lets the services be called: long before the first call, so that each knows by then where to send its answers.
+
+        ROS 2 calls them `AddModel` instead of `add_model`.
+        """
+        for name, kind in _SERVICES.items():
+            full = name if layer.ros_version() == 1 else name.title().replace("_", "")
+            self._services[name] = layer.connection(f"{self._topic}/{full}", kind)

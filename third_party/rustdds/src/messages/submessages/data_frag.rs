@@ -301,8 +301,9 @@ impl<C: Context> Writable<C> for DataFrag {
     writer.write_value(&self.fragments_in_submessage)?;
     writer.write_value(&self.fragment_size)?;
     writer.write_value(&self.data_size)?;
-    if self.inline_qos.is_some() && !self.inline_qos.as_ref().unwrap().parameters.is_empty() {
-      writer.write_value(&self.inline_qos)?;
+    // The list, not the `Option`: that is written with a byte before it.
+    if let Some(inline_qos) = self.inline_qos.as_ref() {
+      writer.write_value(inline_qos)?;
     }
     writer.write_bytes(&self.serialized_payload)?;
     Ok(())
@@ -395,5 +396,29 @@ mod tests {
     };
     let bytes = serialize_body(&df);
     assert!(DataFrag::deserialize(&bytes, BitFlags::<DATAFRAG_Flags>::empty()).is_err());
+  }
+
+  /// The list used to follow a byte that no reader expects: answers of services that need fragments were lost.
+  #[test]
+  fn inline_qos_is_written_as_it_is_read() {
+    let mut inline_qos = ParameterList::new();
+    inline_qos.push(crate::messages::submessages::elements::parameter::Parameter {
+      parameter_id: crate::structure::parameter_id::ParameterId::PID_RELATED_SAMPLE_IDENTITY,
+      value: vec![7u8; 24],
+    });
+    let df = DataFrag {
+      writer_sn: SequenceNumber::new(1),
+      fragment_starting_num: FragmentNumber::new(1),
+      fragments_in_submessage: 1,
+      fragment_size: 256,
+      data_size: 512,
+      inline_qos: Some(inline_qos),
+      serialized_payload: Bytes::from(vec![3u8; 256]),
+      ..Default::default()
+    };
+    let bytes = serialize_body(&df);
+    assert_eq!(bytes.len(), df.len_serialized());
+    let flags = BitFlags::<DATAFRAG_Flags>::from_flag(DATAFRAG_Flags::Endianness) | DATAFRAG_Flags::InlineQos;
+    assert_eq!(DataFrag::deserialize(&bytes, flags).expect("a valid fragment"), df);
   }
 }
