@@ -347,3 +347,58 @@ fn coefficients_of_soft_bodies_beyond_the_range_of_bullet_are_clamped_in_the_acc
         assert!(ran.stderr.contains(expected), "{ran:?}");
     }
 }
+
+#[test]
+fn what_cannot_be_written_is_said_and_no_half_file_is_left() {
+    let folder = Folder::new();
+    folder.write("model.yaml", BALL);
+    folder.write("world.yaml", "gravity: {x: 0, y: 0, z: -10}\n");
+    // No file may be larger than 8 blocks of 512 bytes.
+    let small = "trap '' XFSZ && ulimit -f 8 && exec \"$0\" \"$@\"";
+    let run =
+        |outputs: &str| folder.run_in_shell(small, &format!("-a model.yaml --world world.yaml --steps 200 {outputs}"));
+    for (outputs, file) in [("--trace t --energy e --every 10", "t_bodies.csv"), ("--energy e", "e")] {
+        folder.write(file, "before");
+        let ran = run(outputs);
+        assert_eq!(ran.status, 2, "{ran:?}");
+        assert_eq!(ran.stderr, format!("{file} cannot be written: File too large (os error 27)\n"));
+        assert_eq!(std::fs::read_to_string(folder.path().join(file)).expect("there"), "before");
+    }
+    let ran = run("--trace none/t --every 100");
+    assert_eq!((ran.status, ran.stderr.as_str()), (0, ""), "folders are made");
+    assert_eq!(
+        folder.names(),
+        ["e", "model.yaml", "none", "t_bodies.csv", "world.yaml"],
+        "what fits, and nothing else"
+    );
+}
+
+#[test]
+fn standard_output_that_is_full_is_an_error_and_one_that_nobody_reads_is_none() {
+    let folder = Folder::new();
+    folder.write("model.yaml", BALL);
+    for arguments in ["-a model.yaml --steps 1 --json", "--check model.yaml", "--help"] {
+        let full = folder.run_in_shell("exec \"$0\" \"$@\" >/dev/full", arguments);
+        assert_eq!(full.status, 2, "{arguments}: {full:?}");
+        let sentence = "standard output cannot be written: No space left on device (os error 28)\n";
+        assert!(full.stderr.ends_with(sentence), "{arguments}: {full:?}");
+        // The pipe has no reader by the time that the program writes.
+        let unread = "{ sleep 0.2; \"$0\" \"$@\"; echo $? >status; } | true; wait; until [ -s status ]; do sleep 0.01; done; cat status";
+        let unread = folder.run_in_shell(unread, arguments);
+        assert_eq!(unread.stdout, "0\n", "{arguments}: {unread:?}");
+        assert!(!unread.stderr.contains("cannot be written"), "{arguments}: {unread:?}");
+        std::fs::remove_file(folder.path().join("status")).expect("there");
+    }
+}
+
+#[test]
+fn what_was_written_before_an_interruption_is_kept() {
+    let folder = Folder::new();
+    folder.write("model.yaml", BALL);
+    // Sent when the trace has begun.
+    let script = "\"$0\" \"$@\" & until ls -A | grep -q unfinished; do sleep 0.01; done; kill -INT $!; wait $!";
+    let ran = folder.run_in_shell(script, "-a model.yaml --steps 1000000000 --trace t");
+    assert_eq!(ran.status, 130, "{ran:?}");
+    assert_eq!(folder.names(), ["model.yaml", "t_bodies.csv"]);
+    assert!(!folder.csv("t_bodies.csv").lines.is_empty());
+}

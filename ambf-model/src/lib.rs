@@ -4,6 +4,7 @@
 //!   them, by file and line.
 //! * [`urdf`]: robot descriptions in URDF, as the same models.
 //! * [`mesh`]: mesh files as triangles, for what collides and for what is drawn.
+//! * [`files`]: how all programs read and write files.
 //! * [`Settings`]: settings of drivers, as a device file has them.
 //!
 //! ```
@@ -22,6 +23,7 @@
 //! ```
 
 pub mod adf;
+pub mod files;
 pub mod mesh;
 mod settings;
 pub mod urdf;
