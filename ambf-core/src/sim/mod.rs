@@ -5,6 +5,7 @@ mod commands;
 mod devices;
 mod history;
 mod iteration;
+mod losses;
 mod models;
 mod physics;
 mod plugins;
@@ -19,6 +20,7 @@ mod window;
 
 pub use crate::bullet::StateError;
 pub use history::Timeline;
+pub use losses::LossCause;
 pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
 pub use runner::{Control, Event, Runner, RunnerOptions};
 pub use saved::SavedState;
