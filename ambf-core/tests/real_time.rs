@@ -211,7 +211,10 @@ fn a_lost_state_pauses_is_named_and_is_never_seen() {
     let event = running.wait_for_event("the loss", |event| matches!(event, Event::Lost(_)));
     let Event::Lost(problem) = event else { unreachable!("just matched") };
     let text = problem.to_string();
-    assert!(text.contains("BODY Box") && text.contains("Velocity"), "{text}");
+    assert!(
+        text.contains("last command: velocity (1e308, 1e308, 0.0) m/s") && text.contains("to `/ambf/env/BODY Box`"),
+        "{text}"
+    );
     assert!(running.runner.control().is_paused());
     let told = running.hub.lost().expect("clients are told");
     assert_eq!(*told, format!("lost at step {}: {text}; a reset resumes", problem.step));
@@ -260,7 +263,8 @@ fn time_for_which_clients_held_the_simulation_is_not_blamed_on_the_scene() {
     let command = WorldCommand { enable_step_throttling: true, step_clock: false, n_skip_steps: 5 };
     running.hub.throttle().post(command, running.hub.now_ns());
     // Until the watchdog lets go. This was said to be a scene that is too heavy for the computer.
-    running.wait_for_event("what was lost", |event| {
-        matches!(event, Event::LostTime { cause: LossCause::Clients, recent, .. } if *recent > 0.1)
-    });
+    running.wait_for_event(
+        "what was lost",
+        |event| matches!(event, Event::LostTime { cause: LossCause::Clients, recent, .. } if *recent > 0.1),
+    );
 }

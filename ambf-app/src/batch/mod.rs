@@ -7,7 +7,7 @@ mod outputs;
 mod pictures;
 mod trace;
 
-pub use commands::{CommandError, Commands, Targets};
+pub use commands::{Addressee, CommandError, Commands, Targets};
 pub use energy::EnergyWriter;
 #[cfg(feature = "pictures")]
 pub use pictures::{PictureError, Pictures};
@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 use ambf_core::bullet::SolverStatistics;
 use ambf_core::files::{self, WriteError};
 use ambf_core::scene::{load, Loaded, SceneOptions};
-use ambf_core::sim::{LostState, Simulation};
+use ambf_core::sim::{LostState, Nearness, Simulation};
 use thiserror::Error;
 
 use outputs::Outputs;
@@ -267,12 +267,20 @@ fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simula
     Ok((simulation, report.errors() > 0))
 }
 
-/// Names the line of the command file with the last command of the lost body.
+/// Names the line of the command file with the last command of the lost body, or of the nearest to it.
 fn name_command(mut error: LostState, commands: &Commands, simulation: &Simulation) -> LostState {
-    let body = simulation.scene().bodies.position(|body| body.identity.key() == error.body);
-    let latest = |body| commands.latest(body, u64::from(error.step));
-    if let Some(place) = body.and_then(|body| simulation.commanders(body).find_map(latest)) {
-        error.command = place;
+    let scene = simulation.scene();
+    let lost = scene.bodies.position(|body| body.identity.key() == error.body).map(|body| simulation.nearness(body));
+    let near = |to| match (to, &lost) {
+        (Addressee::Body(body), Some(near)) => near[body],
+        _ => Nearness::Apart,
+    };
+    if let Some((place, to)) = commands.latest(u64::from(error.step), near) {
+        let identity = match to {
+            Addressee::Body(body) => &scene.bodies[body].identity,
+            Addressee::Vehicle(vehicle) => &scene.vehicles[vehicle].identity,
+        };
+        error.command = format!("{place} to `{}`", identity.key());
     }
     error
 }
