@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::files::{self, WriteError};
+use ambf_core::text;
 use parking_lot::{Mutex, RwLock};
 
 /// How important a line is; the numbers are those of `rcl_interfaces/msg/Log` and of ROS 2's loggers.
@@ -80,12 +81,13 @@ pub fn report(line: Arguments<'_>) {
     report_at(Level::Info, line);
 }
 
-/// Writes one line to standard error. One that does not arrive is not worth a panic; [`exit_status`] tells.
+/// Writes one line to standard error, or several, as [`text::lines`] shows them: what files, messages and clients hold
+/// is no part of the terminal's language. One that does not arrive is not worth a panic; [`exit_status`] tells.
 pub fn report_at(level: Level, line: Arguments<'_>) {
     if (level as u8) < LEAST.load(Ordering::Relaxed) {
         return;
     }
-    let mut line = line.to_string();
+    let mut line = text::lines(&line.to_string()).into_owned();
     {
         let listeners = LISTENERS.read();
         if listeners.is_empty() {
@@ -125,10 +127,15 @@ static INCOMPLETE: AtomicBool = AtomicBool::new(false);
 /// Whether it was said already that standard output cannot be written.
 static OUTPUT_FAILED: AtomicBool = AtomicBool::new(false);
 
-/// Writes one line to standard output. What does not arrive is said once on standard error and makes another
+/// Writes one line to standard output, or several, as [`text::lines`] shows them. What does not arrive is said once on standard error and makes another
 /// [`exit_status`], unless nobody reads any more.
 pub fn print_line(line: Arguments<'_>) {
-    note_output(files::print(&format!("{line}\n")));
+    note_output(files::print(&text::lines(&format!("{line}\n"))));
+}
+
+/// Writes a document for other programs to standard output, as it is. As [`print_line`] otherwise.
+pub fn print_document(document: &str) {
+    note_output(files::print(&format!("{document}\n")));
 }
 
 fn note_output(written: Result<(), WriteError>) {

@@ -402,3 +402,68 @@ fn what_was_written_before_an_interruption_is_kept() {
     assert_eq!(folder.names(), ["model.yaml", "t_bodies.csv"]);
     assert!(!folder.csv("t_bodies.csv").lines.is_empty());
 }
+
+#[test]
+fn nothing_that_files_or_command_lines_hold_reaches_the_terminal_as_it_is() {
+    let folder = Folder::new();
+    let text = r#"bodies: [BODY a, "BODY \x1b[31m\r\u202e"]
+joints: [J, JOINT j]
+BODY a:
+  name: "x\x1b[2J\n\r\0\u202e\x07y"
+  mass: 1
+  "col\x1bour": 7
+  location: {position: {x: "1e3\x1b00", y: 1e300, z: 0}}
+  collision shape: "Bo\x08x"
+  gravity: {x: 1e300, y: -1e-300, z: 0}
+J: {name: "j\x1b", type: "revo\x1blute", parent: "BODY no\x1b", child: BODY a}
+"#;
+    folder.write("m.yaml", text);
+    folder.write("c.txt", "1|2|TW|x\u{1b}[2J|1e300 0 0 0 0 0\n");
+    let name = "no\u{1b}[2Jsuch\u{9b}.yaml";
+    for arguments in [
+        "-a m.yaml --steps 3".to_owned(),
+        "--check m.yaml".to_owned(),
+        format!("-a {name} --steps 3"),
+        format!("-a m.yaml --steps {name}"),
+        format!("-a m.yaml --{name} 3"),
+        format!("-a m.yaml --steps 3 --profile {name}"),
+        format!("-a m.yaml --steps 3 --render {name} --out p"),
+        format!("-a m.yaml --steps 3 --trace {name}/\u{7}/t"),
+        "-a m.yaml --steps 3 --commands c.txt".to_owned(),
+    ] {
+        let ran = folder.run(&arguments);
+        let said = ran.stdout.clone() + &ran.stderr;
+        assert!(said.chars().all(|c| c == '\n' || !c.is_control() && c != '\u{202e}'), "{arguments:?}: {ran:?}");
+        assert!(!said.is_empty(), "{arguments:?}");
+        let longest = said.split(|c: char| !c.is_ascii_digit()).map(str::len).max();
+        assert!(longest <= Some(40), "{arguments:?}: {ran:?}");
+        for rust in ["Some(", "Os {", "kind:", "Err("] {
+            assert!(!said.contains(rust), "{arguments:?}: {ran:?}");
+        }
+    }
+}
+
+#[test]
+fn what_is_no_file_is_named_and_never_waited_for() {
+    let folder = Folder::new();
+    folder.write("model.yaml", BALL);
+    let made = std::process::Command::new("mkfifo").arg(folder.path().join("pipe.yaml")).status().expect("mkfifo runs");
+    assert!(made.success());
+    for arguments in [
+        "-a pipe.yaml --steps 1",
+        "-a model.yaml --world pipe.yaml --steps 1",
+        "-a model.yaml --commands pipe.yaml --steps 1",
+        "--launch_file pipe.yaml -l 0 --steps 1",
+        "--check pipe.yaml",
+    ] {
+        let ran = folder.run(arguments);
+        let said = ran.stdout.clone() + &ran.stderr;
+        assert_eq!(ran.status, 2, "{arguments}: {ran:?}");
+        assert!(
+            said.contains("pipe.yaml") && said.contains("is a named pipe, expected a file"),
+            "{arguments}: {ran:?}"
+        );
+    }
+    let ran = folder.run("-a . --steps 1");
+    assert!(ran.stderr.contains("it is a folder, expected a file"), "{ran:?}");
+}

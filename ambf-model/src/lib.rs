@@ -5,6 +5,7 @@
 //! * [`urdf`]: robot descriptions in URDF, as the same models.
 //! * [`mesh`]: mesh files as triangles, for what collides and for what is drawn.
 //! * [`files`]: how all programs read and write files.
+//! * [`text`]: texts as they may leave a program.
 //! * [`Settings`]: settings of drivers, as a device file has them.
 //!
 //! ```
@@ -26,6 +27,7 @@ pub mod adf;
 pub mod files;
 pub mod mesh;
 mod settings;
+pub mod text;
 pub mod urdf;
 mod xml;
 

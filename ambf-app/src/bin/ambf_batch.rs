@@ -4,7 +4,7 @@ use std::process::exit;
 
 use ambf_app::batch;
 use ambf_app::cli::{BatchOptions, CliError, Parsed};
-use ambf_app::report::exit_status;
+use ambf_app::report::{exit_status, print_document};
 use ambf_app::{check, print_line, report};
 
 fn main() {
@@ -35,7 +35,7 @@ fn run() -> i32 {
     match batch::run(&options, warn) {
         Ok(summary) => {
             if options.json {
-                print_line!("{}", summary.to_json());
+                print_document(&summary.to_json());
             }
             summary.status()
         }

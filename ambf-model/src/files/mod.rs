@@ -10,5 +10,5 @@ mod reading;
 mod streams;
 
 pub use output::{folder_for, Output, Unfinished, WriteError};
-pub use reading::{kind_of, open, read, read_text};
+pub use reading::{look, open, read, read_text, Found};
 pub use streams::{close_output, print};

@@ -5,10 +5,24 @@ use std::io::{self, ErrorKind, Read};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
 
-/// What a path names that is no regular file, with its article: "a folder", "a named pipe". `None`: a regular file, or
-/// nothing that can be looked at.
-pub fn kind_of(path: &Path) -> Option<&'static str> {
-    std::fs::metadata(path).ok().and_then(|found| kind(found.file_type()))
+/// What a path names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Found {
+    /// A regular file.
+    File,
+    /// Something else, in words: "a folder", "a named pipe".
+    Other(&'static str),
+    /// Nothing that can be looked at.
+    Nothing,
+}
+
+/// Looks at what a path names, and opens nothing.
+pub fn look(path: &Path) -> Found {
+    match std::fs::metadata(path).map(|found| kind(found.file_type())) {
+        Ok(None) => Found::File,
+        Ok(Some(kind)) => Found::Other(kind),
+        Err(_) => Found::Nothing,
+    }
 }
 
 fn kind(found: FileType) -> Option<&'static str> {
@@ -82,14 +96,14 @@ mod tests {
         for (name, kind) in found {
             let error = read(&place(name), 10).expect_err(name).to_string();
             assert_eq!(error, format!("it is {kind}, expected a file"));
-            assert_eq!(kind_of(&place(name)), Some(kind));
+            assert_eq!(look(&place(name)), Found::Other(kind));
         }
         assert_eq!(
             read(Path::new("/dev/zero"), 10).expect_err("a device").to_string(),
             "it is a device, expected a file"
         );
         assert_eq!(read(&place("nothing"), 10).expect_err("nothing").kind(), ErrorKind::NotFound);
-        assert_eq!(kind_of(&place("nothing")), None);
+        assert_eq!(look(&place("nothing")), Found::Nothing);
     }
 
     #[test]

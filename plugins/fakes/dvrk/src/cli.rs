@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use ambf_model::files::read_text;
+use ambf_model::text::lines;
 use clap::{CommandFactory, Parser, ValueEnum};
 use dvrk_arm::{isometry, Dialect};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -164,7 +165,7 @@ pub fn options(arguments: &Arguments) -> Result<FakeOptions, String> {
         zero_stamps: arguments.zero_stamps,
         present: arguments.start_after <= 0.0,
         embedded_master: arguments.start_master,
-        report: Arc::new(|line| eprintln!("{line}")),
+        report: Arc::new(|line| eprintln!("{}", lines(&line.to_string()))),
     })
 }
 

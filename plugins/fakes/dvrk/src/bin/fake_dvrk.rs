@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_model::files::{print, Output};
+use ambf_model::text::lines;
 use clap::Parser;
 use fake_dvrk::cli::{options, Arguments};
 use fake_dvrk::{Fake, FakeOptions};
@@ -23,7 +24,7 @@ fn main() -> ExitCode {
     match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("fake_dvrk: {error}");
+            eprintln!("fake_dvrk: {}", lines(&error));
             ExitCode::FAILURE
         }
     }

@@ -8,6 +8,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use ambf_device::files::{close_output, print, WriteError};
+use ambf_device::text::lines;
 use ambf_device::{DeviceError, DeviceForce, DeviceLog, Driver, InputDevice, Setting, Settings};
 use falcon::{State, Status, MODEL};
 use nalgebra::Vector3;
@@ -79,14 +80,14 @@ fn push(text: &str) -> Result<Vector3<f64>, String> {
 
 fn main() {
     let options = Options::parse(std::env::args().skip(1)).unwrap_or_else(|text| {
-        eprintln!("{}", text.trim_end());
+        eprintln!("{}", lines(text.trim_end()));
         exit(2);
     });
     match show(&options) {
         // Who has seen enough ends this, with the motors at rest.
         Err(InfoError::Print(error)) if error.is_unread() => (),
         Err(error) => {
-            eprintln!("{error}");
+            eprintln!("{}", lines(&error.to_string()));
             exit(1);
         }
         Ok(()) => (),
