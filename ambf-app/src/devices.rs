@@ -7,6 +7,7 @@ use ambf_core::device::host::{DeviceHost, DeviceState, HostOptions};
 use ambf_core::device::law::Switches;
 use ambf_core::device::{Drivers, MockDriver};
 use ambf_core::sim::Simulation;
+use ambf_core::text::has_entries;
 
 use crate::cli::{DeviceSelection, SimulatorOptions};
 use crate::plugins;
@@ -86,11 +87,10 @@ fn selected<'e>(
         match listed.get(index) {
             Some(Some(entry)) => entries.push(entry),
             Some(None) => said.push(format!("input device {index} is left out: its entry is of no use")),
-            None => said.push(format!(
-                "there is no input device {index}: the list has {} (0 to {}); it is skipped",
-                listed.len(),
-                listed.len() as i64 - 1
-            )),
+            None => {
+                let list = has_entries(listed.len());
+                said.push(format!("there is no input device {index}: the list {list}; it is skipped"));
+            }
         }
     }
     entries

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use ambf_core::adf::{self, Launch, LoadError, PhysicsSettings, Report};
 use ambf_core::scene::{PhysicsOptions, SceneFiles};
+use ambf_core::text::has_entries;
 use thiserror::Error;
 
 use crate::cli;
@@ -64,9 +65,8 @@ pub fn scene_files(
         match listed.get(index) {
             Some(path) => models.push(path.clone()),
             None => problems.push(format!(
-                "there is no model {index}: the launch file lists {} (0 to {}); it is skipped",
-                listed.len(),
-                listed.len() as i64 - 1
+                "there is no model {index}: the launch file's list {}; it is skipped",
+                has_entries(listed.len())
             )),
         }
     }
@@ -106,7 +106,9 @@ mod tests {
         assert_eq!(files.world.as_deref(), Some(Path::new("/scenes/w.yaml")));
         let expected: Vec<PathBuf> = ["c.yaml", "/scenes/b.yaml", "/scenes/b.yaml"].map(PathBuf::from).into();
         assert_eq!(files.models, expected);
-        assert!(problems.len() == 1 && problems[0].contains("99"), "{problems:?}");
+        assert_eq!(problems, ["there is no model 99: the launch file's list has 2 (0 to 1); it is skipped"]);
+        let (_, problems) = scene_files(None, None, &[], &[0]);
+        assert_eq!(problems, ["there is no model 0: the launch file's list is empty; it is skipped"]);
     }
 
     #[test]

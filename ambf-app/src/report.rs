@@ -1,12 +1,14 @@
-//! The programs' only log: one line a fact on standard error.
+//! What the programs say: their only log, one line a fact on standard error, and what they were asked for on standard output.
 
 use std::collections::VecDeque;
 use std::fmt::Arguments;
-use std::io::Write;
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::io::{ErrorKind, Write};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use ambf_core::files::{self, WriteError};
+use ambf_core::text;
 use parking_lot::{Mutex, RwLock};
 
 /// How important a line is; the numbers are those of `rcl_interfaces/msg/Log` and of ROS 2's loggers.
@@ -79,12 +81,13 @@ pub fn report(line: Arguments<'_>) {
     report_at(Level::Info, line);
 }
 
-/// Writes one line to standard error. A closed standard error is not worth a panic: the line is then lost.
+/// Writes one line to standard error, or several, as [`text::lines`] shows them: what files, messages and clients hold
+/// is no part of the terminal's language. One that does not arrive is not worth a panic; [`exit_status`] tells.
 pub fn report_at(level: Level, line: Arguments<'_>) {
     if (level as u8) < LEAST.load(Ordering::Relaxed) {
         return;
     }
-    let mut line = line.to_string();
+    let mut line = text::lines(&line.to_string()).into_owned();
     {
         let listeners = LISTENERS.read();
         if listeners.is_empty() {
@@ -98,7 +101,10 @@ pub fn report_at(level: Level, line: Arguments<'_>) {
     }
     line.push('\n');
     // One call, so that lines of different threads do not mix.
-    let _ = std::io::stderr().write_all(line.as_bytes());
+    let written = std::io::stderr().write_all(line.as_bytes());
+    if written.is_err_and(|error| error.kind() != ErrorKind::BrokenPipe) {
+        INCOMPLETE.store(true, Ordering::Relaxed);
+    }
 }
 
 /// Formats like [`println!`] and writes one line to standard error.
@@ -115,9 +121,45 @@ macro_rules! warn {
     };
 }
 
-/// Writes one line to standard output; it is lost when nobody reads.
+/// Whether something that was asked for, or said, has not arrived.
+static INCOMPLETE: AtomicBool = AtomicBool::new(false);
+
+/// Whether it was said already that standard output cannot be written.
+static OUTPUT_FAILED: AtomicBool = AtomicBool::new(false);
+
+/// Writes one line to standard output, or several, as [`text::lines`] shows them. What does not arrive is said once on standard error and makes another
+/// [`exit_status`], unless nobody reads any more.
 pub fn print_line(line: Arguments<'_>) {
-    let _ = std::io::stdout().write_all(format!("{line}\n").as_bytes());
+    note_output(files::print(&text::lines(&format!("{line}\n"))));
+}
+
+/// Writes a document for other programs to standard output, as it is. As [`print_line`] otherwise.
+pub fn print_document(document: &str) {
+    note_output(files::print(&format!("{document}\n")));
+}
+
+fn note_output(written: Result<(), WriteError>) {
+    let Err(error) = written else { return };
+    if !error.is_unread() && !OUTPUT_FAILED.swap(true, Ordering::Relaxed) {
+        report_failure(format_args!("{error}"));
+    }
+}
+
+/// Says that something that was asked for could not be written: a line of the level [`Level::Error`], and another
+/// [`exit_status`].
+pub fn report_failure(line: Arguments<'_>) {
+    INCOMPLETE.store(true, Ordering::Relaxed);
+    report_at(Level::Error, line);
+}
+
+/// The exit status of a program that ends with `status`: `failed` instead of 0 if something that was asked for, or said,
+/// could not be written.
+pub fn exit_status(status: i32, failed: i32) -> i32 {
+    note_output(files::close_output());
+    match status {
+        0 if INCOMPLETE.load(Ordering::Relaxed) => failed,
+        status => status,
+    }
 }
 
 /// Formats like [`println!`], without its panic when standard output is closed.

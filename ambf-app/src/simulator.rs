@@ -9,7 +9,7 @@ use ambf_core::bullet::SolverStatistics;
 use ambf_core::comm::{Middleware, Rates};
 use ambf_core::device::host::DeviceHost;
 use ambf_core::scene::{load_with_progress, Loaded, Progress, SceneFiles, SceneOptions, SceneReport};
-use ambf_core::sim::{Event, Models, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
+use ambf_core::sim::{Event, LossCause, Models, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
 use crossbeam_channel::RecvTimeoutError;
 use crtk::diagnostics::Board;
 use ros_node::OwnMaster;
@@ -351,6 +351,17 @@ impl ModelHost for Host {
     }
 }
 
+/// What is said of simulated time that was not computed, s.
+fn loss(recent: f64, total: f64, cause: LossCause) -> String {
+    let lost = format!("{recent:.3} s of simulated time were not computed ({total:.3} s in all)");
+    match cause {
+        LossCause::Cost => format!("the scene is too heavy for this computer: {lost}"),
+        LossCause::Clients => format!("clients held the simulation: {lost}"),
+        LossCause::Changes => format!("models were added or removed, or everything was reset: {lost}"),
+        _ => format!("the simulation did not run, because it was stopped or other programs had the processor: {lost}"),
+    }
+}
+
 /// Prints what the physics thread has to say until the program should end.
 fn follow(
     runner: &Runner,
@@ -372,9 +383,7 @@ fn follow(
             reports.set(devices.status());
         }
         match runner.events().recv_timeout(POLL) {
-            Ok(Event::LostTime { recent, total }) => warn!(
-                "the scene is too heavy for this computer: {recent:.3} s of simulated time were not computed ({total:.3} s in all)"
-            ),
+            Ok(Event::LostTime { recent, total, cause }) => warn!("{}", loss(recent, total, cause)),
             Ok(Event::Lost(problem)) => {
                 warn!("{problem}; nothing of that step is published and the simulation is paused: reset it (topic Command/Reset) or end it");
             }

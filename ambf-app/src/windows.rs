@@ -62,6 +62,7 @@ mod with {
 
     use super::*;
     use crate::print_line;
+    use crate::report::report_failure;
 
     /// What the option `-g` and the environment say.
     ///
@@ -121,7 +122,10 @@ mod with {
                 board: Arc::clone(&windows.board),
                 hook: has_cameras.then_some(hook),
                 load_report,
-                say: Box::new(|line| print_line!("{line}")),
+                say: Box::new(|said| match said.is_failure {
+                    true => report_failure(format_args!("{}", said.text)),
+                    false => print_line!("{}", said.text),
+                }),
             });
             match (started, wanted) {
                 (Ok(viewer), _) => windows.viewer = Some(viewer),

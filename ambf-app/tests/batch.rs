@@ -347,3 +347,123 @@ fn coefficients_of_soft_bodies_beyond_the_range_of_bullet_are_clamped_in_the_acc
         assert!(ran.stderr.contains(expected), "{ran:?}");
     }
 }
+
+#[test]
+fn what_cannot_be_written_is_said_and_no_half_file_is_left() {
+    let folder = Folder::new();
+    folder.write("model.yaml", BALL);
+    folder.write("world.yaml", "gravity: {x: 0, y: 0, z: -10}\n");
+    // No file may be larger than 8 blocks of 512 bytes.
+    let small = "trap '' XFSZ && ulimit -f 8 && exec \"$0\" \"$@\"";
+    let run =
+        |outputs: &str| folder.run_in_shell(small, &format!("-a model.yaml --world world.yaml --steps 200 {outputs}"));
+    for (outputs, file) in [("--trace t --energy e --every 10", "t_bodies.csv"), ("--energy e", "e")] {
+        folder.write(file, "before");
+        let ran = run(outputs);
+        assert_eq!(ran.status, 2, "{ran:?}");
+        assert_eq!(ran.stderr, format!("{file} cannot be written: File too large (os error 27)\n"));
+        assert_eq!(std::fs::read_to_string(folder.path().join(file)).expect("there"), "before");
+    }
+    let ran = run("--trace none/t --every 100");
+    assert_eq!((ran.status, ran.stderr.as_str()), (0, ""), "folders are made");
+    assert_eq!(
+        folder.names(),
+        ["e", "model.yaml", "none", "t_bodies.csv", "world.yaml"],
+        "what fits, and nothing else"
+    );
+}
+
+#[test]
+fn standard_output_that_is_full_is_an_error_and_one_that_nobody_reads_is_none() {
+    let folder = Folder::new();
+    folder.write("model.yaml", BALL);
+    for arguments in ["-a model.yaml --steps 1 --json", "--check model.yaml", "--help"] {
+        let full = folder.run_in_shell("exec \"$0\" \"$@\" >/dev/full", arguments);
+        assert_eq!(full.status, 2, "{arguments}: {full:?}");
+        let sentence = "standard output cannot be written: No space left on device (os error 28)\n";
+        assert!(full.stderr.ends_with(sentence), "{arguments}: {full:?}");
+        // The pipe has no reader by the time that the program writes.
+        let unread = "{ sleep 0.2; \"$0\" \"$@\"; echo $? >status; } | true; wait; until [ -s status ]; do sleep 0.01; done; cat status";
+        let unread = folder.run_in_shell(unread, arguments);
+        assert_eq!(unread.stdout, "0\n", "{arguments}: {unread:?}");
+        assert!(!unread.stderr.contains("cannot be written"), "{arguments}: {unread:?}");
+        std::fs::remove_file(folder.path().join("status")).expect("there");
+    }
+}
+
+#[test]
+fn what_was_written_before_an_interruption_is_kept() {
+    let folder = Folder::new();
+    folder.write("model.yaml", BALL);
+    // Sent when the trace has begun.
+    let script = "\"$0\" \"$@\" & until ls -A | grep -q unfinished; do sleep 0.01; done; kill -INT $!; wait $!";
+    let ran = folder.run_in_shell(script, "-a model.yaml --steps 1000000000 --trace t");
+    assert_eq!(ran.status, 130, "{ran:?}");
+    assert_eq!(folder.names(), ["model.yaml", "t_bodies.csv"]);
+    assert!(!folder.csv("t_bodies.csv").lines.is_empty());
+}
+
+#[test]
+fn nothing_that_files_or_command_lines_hold_reaches_the_terminal_as_it_is() {
+    let folder = Folder::new();
+    let text = r#"bodies: [BODY a, "BODY \x1b[31m\r\u202e"]
+joints: [J, JOINT j]
+BODY a:
+  name: "x\x1b[2J\n\r\0\u202e\x07y"
+  mass: 1
+  "col\x1bour": 7
+  location: {position: {x: "1e3\x1b00", y: 1e300, z: 0}}
+  collision shape: "Bo\x08x"
+  gravity: {x: 1e300, y: -1e-300, z: 0}
+J: {name: "j\x1b", type: "revo\x1blute", parent: "BODY no\x1b", child: BODY a}
+"#;
+    folder.write("m.yaml", text);
+    folder.write("c.txt", "1|2|TW|x\u{1b}[2J|1e300 0 0 0 0 0\n");
+    let name = "no\u{1b}[2Jsuch\u{9b}.yaml";
+    for arguments in [
+        "-a m.yaml --steps 3".to_owned(),
+        "--check m.yaml".to_owned(),
+        format!("-a {name} --steps 3"),
+        format!("-a m.yaml --steps {name}"),
+        format!("-a m.yaml --{name} 3"),
+        format!("-a m.yaml --steps 3 --profile {name}"),
+        format!("-a m.yaml --steps 3 --render {name} --out p"),
+        format!("-a m.yaml --steps 3 --trace {name}/\u{7}/t"),
+        "-a m.yaml --steps 3 --commands c.txt".to_owned(),
+    ] {
+        let ran = folder.run(&arguments);
+        let said = ran.stdout.clone() + &ran.stderr;
+        assert!(said.chars().all(|c| c == '\n' || !c.is_control() && c != '\u{202e}'), "{arguments:?}: {ran:?}");
+        assert!(!said.is_empty(), "{arguments:?}");
+        let longest = said.split(|c: char| !c.is_ascii_digit()).map(str::len).max();
+        assert!(longest <= Some(40), "{arguments:?}: {ran:?}");
+        for rust in ["Some(", "Os {", "kind:", "Err("] {
+            assert!(!said.contains(rust), "{arguments:?}: {ran:?}");
+        }
+    }
+}
+
+#[test]
+fn what_is_no_file_is_named_and_never_waited_for() {
+    let folder = Folder::new();
+    folder.write("model.yaml", BALL);
+    let made = std::process::Command::new("mkfifo").arg(folder.path().join("pipe.yaml")).status().expect("mkfifo runs");
+    assert!(made.success());
+    for arguments in [
+        "-a pipe.yaml --steps 1",
+        "-a model.yaml --world pipe.yaml --steps 1",
+        "-a model.yaml --commands pipe.yaml --steps 1",
+        "--launch_file pipe.yaml -l 0 --steps 1",
+        "--check pipe.yaml",
+    ] {
+        let ran = folder.run(arguments);
+        let said = ran.stdout.clone() + &ran.stderr;
+        assert_eq!(ran.status, 2, "{arguments}: {ran:?}");
+        assert!(
+            said.contains("pipe.yaml") && said.contains("is a named pipe, expected a file"),
+            "{arguments}: {ran:?}"
+        );
+    }
+    let ran = folder.run("-a . --steps 1");
+    assert!(ran.stderr.contains("it is a folder, expected a file"), "{ran:?}");
+}

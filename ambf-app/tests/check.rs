@@ -364,7 +364,7 @@ fn broken_and_hostile_files_are_named() {
     folder.write("words.yaml", "colour: red\n");
     for (file, part) in [
         ("absent.yaml", "absent.yaml: error: cannot be read"),
-        (".", ".: error: is no regular file"),
+        (".", ".: error: is a folder, expected a file"),
         ("syntax.yaml", "syntax.yaml:2:"),
         ("empty.yaml", "the file holds nothing"),
         ("list.yaml", "list.yaml:1:1: error: the file holds a list"),

@@ -21,6 +21,13 @@ impl Folder {
     fn read(&self, name: &str) -> String {
         std::fs::read_to_string(self.0.path().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     }
+
+    /// Bytes of a recording that goes on: it has its name when it is complete.
+    fn recorded(&self) -> u64 {
+        let entries = std::fs::read_dir(self.0.path()).unwrap().map_while(Result::ok);
+        let mut unfinished = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(".unfinished"));
+        unfinished.next().and_then(|entry| entry.metadata().ok()).map_or(0, |found| found.len())
+    }
 }
 
 /// The folder of the library that `resources/plugins/recorder` makes: cargo puts it beside the tests that depend on it.
@@ -127,9 +134,8 @@ fn the_simulator_closes_plugins_when_it_is_interrupted() {
         .unwrap();
     let lines = BufReader::new(simulator.stderr.take().unwrap());
     let reader = std::thread::spawn(move || lines.lines().map_while(Result::ok).collect::<Vec<_>>());
-    let csv = folder.0.path().join("ball.csv");
     let begin = Instant::now();
-    while !csv.metadata().is_ok_and(|metadata| metadata.len() > 10_000) {
+    while folder.recorded() <= 10_000 {
         assert!(begin.elapsed() < Duration::from_secs(30), "nothing is recorded");
         std::thread::sleep(Duration::from_millis(10));
     }
@@ -164,7 +170,7 @@ fn an_interrupted_batch_run_closes_plugins() {
         .spawn()
         .unwrap();
     let begin = Instant::now();
-    while !folder.0.path().join("ball.csv").metadata().is_ok_and(|metadata| metadata.len() > 10_000) {
+    while folder.recorded() <= 10_000 {
         assert!(begin.elapsed() < Duration::from_secs(30), "nothing is recorded");
         std::thread::sleep(Duration::from_millis(10));
     }

@@ -265,7 +265,7 @@ fn removing_the_model_of_an_end_effector_leaves_a_device_without_force() {
     assert_eq!(stage.host.status().len(), 1);
     // A model that takes its places is not moved by the device.
     let file = stage.folder.write("gripper.yaml", GRIPPER);
-    stage.simulation.add_model(PreparedModel::read(&file).expect("a model"));
+    stage.simulation.add_model(PreparedModel::read(&file).expect("a model")).expect("something is built");
     let palm = stage.position("palm");
     stage.puppets[0].set(|pose| pose.position.z = -0.3);
     stage.settle();

@@ -16,7 +16,7 @@ mod sample;
 mod spec;
 pub mod timing;
 
-pub use ambf_model::{Setting, SettingError, Settings};
+pub use ambf_model::{files, text, Setting, SettingError, Settings};
 pub use caught::caught;
 pub use driver::{DeviceError, DeviceInfo, DeviceLog, Driver, Drivers, InputDevice, Presence};
 pub use latest::Latest;

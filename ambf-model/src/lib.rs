@@ -4,6 +4,8 @@
 //!   them, by file and line.
 //! * [`urdf`]: robot descriptions in URDF, as the same models.
 //! * [`mesh`]: mesh files as triangles, for what collides and for what is drawn.
+//! * [`files`]: how all programs read and write files.
+//! * [`text`]: texts as they may leave a program.
 //! * [`Settings`]: settings of drivers, as a device file has them.
 //!
 //! ```
@@ -22,8 +24,10 @@
 //! ```
 
 pub mod adf;
+pub mod files;
 pub mod mesh;
 mod settings;
+pub mod text;
 pub mod urdf;
 mod xml;
 

@@ -1,3 +1,5 @@
+use std::fmt;
+
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
@@ -137,6 +139,32 @@ pub enum Command {
     Pause(bool),
     /// Lets so many steps through while paused.
     Step(u32),
+}
+
+/// What it asks for, by the numbers of the objects.
+impl fmt::Display for Command {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Wrench { body, .. } => write!(f, "a wrench on body {body}"),
+            Self::Velocity { body, .. } => write!(f, "a velocity of body {body}"),
+            Self::Pose { body, .. } => write!(f, "a pose of body {body}"),
+            Self::FollowPose { body, .. } => write!(f, "a pose for body {body} to follow"),
+            Self::Joint { joint, .. } => write!(f, "a command of joint {joint}"),
+            Self::Place { object, .. } => write!(f, "a pose of {} {}", object.kind.words(), object.index),
+            Self::Hold { actuator, body: Some(body) } => write!(f, "body {body} for actuator {actuator} to hold"),
+            Self::Hold { actuator, body: None } => write!(f, "a release by actuator {actuator}"),
+            Self::Drive { vehicle, wheel, .. } => write!(f, "a drive of wheel {wheel} of vehicle {vehicle}"),
+            Self::SoftForce { soft, .. } => write!(f, "a force on soft body {soft}"),
+            Self::PullNode { soft, node, .. } => write!(f, "a pull at node {node} of soft body {soft}"),
+            Self::Attach { body, to } => write!(f, "an attachment of body {body} to body {to}"),
+            Self::Detach { attachment } => write!(f, "the end of attachment {attachment}"),
+            Self::ResetWorld => f.write_str("a reset of the world"),
+            Self::ResetBodies => f.write_str("a reset of the rigid bodies"),
+            Self::Pause(true) => f.write_str("a pause"),
+            Self::Pause(false) => f.write_str("the end of a pause"),
+            Self::Step(steps) => write!(f, "{steps} steps of a pause"),
+        }
+    }
 }
 
 /// Why a command was not executed.
@@ -314,6 +342,14 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     use super::*;
+
+    #[test]
+    fn commands_are_said_in_words() {
+        let place = Command::Place { object: ObjectId::new(ObjectType::Ghost, 2), pose: Isometry3::identity() };
+        assert_eq!(place.to_string(), "a pose of ghost object 2");
+        let wrench = Command::Wrench { body: 3, force: Vector3::x(), torque: Vector3::y() };
+        assert_eq!(wrench.to_string(), "a wrench on body 3");
+    }
 
     #[test]
     fn commands_cross_the_interface_unchanged() {

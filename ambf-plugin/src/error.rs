@@ -1,5 +1,6 @@
 use std::path::PathBuf;
 
+use ambf_model::files::{look, Found};
 use thiserror::Error;
 
 use super::PluginKind;
@@ -115,6 +116,9 @@ impl std::fmt::Display for Listed<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         for (i, path) in self.0.iter().enumerate() {
             write!(f, "{}{}", if i > 0 { ", " } else { "" }, path.display())?;
+            if let Found::Other(kind) = look(path) {
+                write!(f, " (which is {kind})")?;
+            }
         }
         Ok(())
     }

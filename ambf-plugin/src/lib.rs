@@ -43,6 +43,8 @@ mod tests;
 mod traits;
 mod view;
 
+/// How files are read and written: a recording is there when it is complete.
+pub use ambf_model::files;
 pub use command::{Command, CommandError, JointCommandType};
 pub use drawing::{Drawing, DrawingShape, Drawings, Pixels, TextPlace, MAX_DRAWINGS, MAX_PIXELS, MAX_POINTS, MAX_TEXT};
 #[doc(hidden)]

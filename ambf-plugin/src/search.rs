@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::PluginError;
 use ambf_model::adf::PluginEntry;
+use ambf_model::files::read;
 
 /// Where libraries are looked for.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -102,6 +103,9 @@ const KNOWN: [(&str, &str); 7] = [
     ("libambf_vol", "volumes are drawn as their pictures are, no plugin changes their voxels"),
 ];
 
+/// Most bytes of a library that are looked at.
+const MAX_LIBRARY: u64 = 256 << 20;
+
 const REWRITE: &str = "write it again against the interface in docs/plugins.md";
 
 fn known(filename: &Path) -> Option<&'static str> {
@@ -112,7 +116,7 @@ fn known(filename: &Path) -> Option<&'static str> {
 /// Whether a file exports what plugins of the C++ program do and not what ours do. It is only read, not opened by the
 /// dynamic loader, so that nothing in it runs.
 fn is_cpp_plugin(file: &Path) -> bool {
-    let Ok(bytes) = std::fs::read(file) else { return false };
+    let Ok(bytes) = read(file, MAX_LIBRARY) else { return false };
     let holds = |text: &[u8]| bytes.windows(text.len()).any(|window| window == text);
     holds(b"CreatePlugin\0") && !holds(b"ambf_plugin_abi_version\0")
 }

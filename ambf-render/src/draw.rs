@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use ambf_core::adf::ShaderProgram;
+use ambf_core::files;
 use nalgebra::{Matrix3, Matrix4, Point3, Vector3};
 
 use crate::gl::{self, Cull, Current, FixedMaterial, InstanceBuffer, Mode, Program, Uniform};
@@ -236,14 +237,10 @@ const MAX_SHADER: u64 = 1 << 20;
 
 fn user_program(gl: &Current<'_>, files: &ShaderProgram) -> Result<Program, String> {
     let read = |path: &PathBuf| {
-        let length = std::fs::metadata(path).map(|meta| meta.len());
-        match length {
-            Ok(length) if length > MAX_SHADER => {
-                Err(format!("{}: a shader of {length} bytes; at most {MAX_SHADER} are read", path.display()))
-            }
-            _ => std::fs::read(path)
-                .map(|bytes| String::from_utf8_lossy(&bytes).replace('\0', " "))
-                .map_err(|error| format!("{}: {error}", path.display())),
+        let bytes = files::read(path, MAX_SHADER).map_err(|error| format!("{}: {error}", path.display()))?;
+        match bytes.len() as u64 > MAX_SHADER {
+            true => Err(format!("{}: a shader of more than the {MAX_SHADER} bytes that are read", path.display())),
+            false => Ok(String::from_utf8_lossy(&bytes).replace('\0', " ")),
         }
     };
     let fallback = "the built-in material is drawn instead";

@@ -1,11 +1,12 @@
 //! Pictures as files: PNG for colours, NumPy arrays, OpenEXR and PNG of 16 bits for depths. The same numbers give the
 //! same bytes.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::Path;
 
-use image::ExtendedColorType;
+use ambf_core::files::{Output, WriteError};
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder, ImageError};
 
 use crate::Picture;
 
@@ -44,16 +45,16 @@ impl Picture {
     /// Writes the colours as PNG, 8 bits a channel.
     ///
     /// # Errors
-    /// When the file cannot be written.
-    pub fn write_color(&self, file: &Path) -> io::Result<()> {
-        save_png(file, &self.color, (self.width, self.height), ExtendedColorType::Rgb8)
+    /// [`WriteError`]; the file of before, or none, is there then.
+    pub fn write_color(&self, file: &Path) -> Result<(), WriteError> {
+        write_rgb_png(file, &self.color, (self.width, self.height))
     }
 
     /// Writes the depths. `far` is the distance of the far clipping plane, m: what is there is nothing.
     ///
     /// # Errors
-    /// When the file cannot be written.
-    pub fn write_depth(&self, file: &Path, format: DepthFormat, far: f64) -> io::Result<()> {
+    /// [`WriteError`]; the file of before, or none, is there then.
+    pub fn write_depth(&self, file: &Path, format: DepthFormat, far: f64) -> Result<(), WriteError> {
         match format {
             DepthFormat::Npy => {
                 let bytes = self.depth.iter().flat_map(|depth| depth.to_le_bytes());
@@ -66,7 +67,7 @@ impl Picture {
                     // The encoder takes native numbers.
                     .flat_map(|&depth| millimetres(depth, nothing).to_ne_bytes())
                     .collect();
-                save_png(file, &bytes, (self.width, self.height), ExtendedColorType::L16)
+                write_png(file, &bytes, (self.width, self.height), ExtendedColorType::L16)
             }
         }
     }
@@ -74,18 +75,33 @@ impl Picture {
     /// Writes the ids of objects as a NumPy array, int32 (height x width); 0 where nothing is seen.
     ///
     /// # Errors
-    /// When the file cannot be written.
-    pub fn write_ids(&self, file: &Path) -> io::Result<()> {
+    /// [`WriteError`]; the file of before, or none, is there then.
+    pub fn write_ids(&self, file: &Path) -> Result<(), WriteError> {
         let bytes = self.ids.iter().flat_map(|[object, _]| object.to_le_bytes());
         write_npy(file, "<i4", &[self.height, self.width], bytes)
     }
 }
 
-fn save_png(file: &Path, bytes: &[u8], (width, height): (u32, u32), kind: ExtendedColorType) -> io::Result<()> {
-    let format = image::ImageFormat::Png;
-    image::save_buffer_with_format(file, bytes, width, height, kind, format).map_err(|error| match error {
-        image::ImageError::IoError(error) => error,
-        other => io::Error::other(other),
+/// Writes colours, (height x width x 3) with the top row first, as PNG.
+///
+/// # Errors
+/// [`WriteError`]; the file of before, or none, is there then.
+pub fn write_rgb_png(file: &Path, rgb: &[u8], size: (u32, u32)) -> Result<(), WriteError> {
+    write_png(file, rgb, size, ExtendedColorType::Rgb8)
+}
+
+/// Numbers of 16 bits are native.
+fn write_png(
+    file: &Path,
+    bytes: &[u8],
+    (width, height): (u32, u32),
+    kind: ExtendedColorType,
+) -> Result<(), WriteError> {
+    Output::write_whole(file, |out| {
+        PngEncoder::new(out).write_image(bytes, width, height, kind).map_err(|error| match error {
+            ImageError::IoError(error) => error,
+            other => io::Error::other(other),
+        })
     })
 }
 
@@ -104,26 +120,25 @@ fn millimetres(depth: f32, nothing: f32) -> u16 {
 }
 
 /// A NumPy file of version 1.0, in C order.
-fn write_npy(file: &Path, kind: &str, shape: &[u32], bytes: impl Iterator<Item = u8>) -> io::Result<()> {
+fn write_npy(file: &Path, kind: &str, shape: &[u32], bytes: impl Iterator<Item = u8>) -> Result<(), WriteError> {
     let shape: Vec<String> = shape.iter().map(|size| format!("{size},")).collect();
     let mut header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({}), }}", shape.join(" "));
     // Magic, version, length of the header, header and line feed are a multiple of 64 bytes.
     let rest = (10 + header.len() + 1).next_multiple_of(64) - (10 + header.len() + 1);
     header.extend(std::iter::repeat_n(' ', rest));
     header.push('\n');
-    let length = u16::try_from(header.len()).map_err(io::Error::other)?;
-    let mut bytes: Vec<u8> = bytes.collect();
-    let mut all = Vec::with_capacity(10 + header.len() + bytes.len());
-    all.extend(b"\x93NUMPY\x01\x00");
-    all.extend(length.to_le_bytes());
-    all.extend(header.as_bytes());
-    all.append(&mut bytes);
-    std::fs::write(file, all)
+    let length = u16::try_from(header.len()).map_err(io::Error::other);
+    Output::write_whole(file, |out| {
+        out.write_all(b"\x93NUMPY\x01\x00")?;
+        out.write_all(&length?.to_le_bytes())?;
+        out.write_all(header.as_bytes())?;
+        out.write_all(&bytes.collect::<Vec<u8>>())
+    })
 }
 
 /// A single part OpenEXR file of scan lines with one channel of 32 bit floats, as
 /// <https://openexr.com/en/latest/OpenEXRFileLayout.html> says.
-fn write_exr(file: &Path, (width, height): (u32, u32), values: &[f32]) -> io::Result<()> {
+fn write_exr(file: &Path, (width, height): (u32, u32), values: &[f32]) -> Result<(), WriteError> {
     let mut header: Vec<u8> = Vec::new();
     header.extend(20_000_630_u32.to_le_bytes());
     header.extend(2_u32.to_le_bytes());
@@ -152,28 +167,29 @@ fn write_exr(file: &Path, (width, height): (u32, u32), values: &[f32]) -> io::Re
     attribute("screenWindowWidth", "float", &1.0_f32.to_le_bytes());
     header.push(0);
 
-    let mut out = BufWriter::new(File::create(file)?);
-    out.write_all(&header)?;
-    let row_bytes = 4 * u64::from(width);
-    let first = header.len() as u64 + 8 * u64::from(height);
-    for row in 0..u64::from(height) {
-        out.write_all(&(first + row * (8 + row_bytes)).to_le_bytes())?;
-    }
-    for (row, values) in values.chunks_exact(width as usize).enumerate() {
-        out.write_all(&(row as u32).to_le_bytes())?;
-        out.write_all(&(row_bytes as u32).to_le_bytes())?;
-        for value in values {
-            out.write_all(&value.to_le_bytes())?;
+    Output::write_whole(file, |out| {
+        out.write_all(&header)?;
+        let row_bytes = 4 * u64::from(width);
+        let first = header.len() as u64 + 8 * u64::from(height);
+        for row in 0..u64::from(height) {
+            out.write_all(&(first + row * (8 + row_bytes)).to_le_bytes())?;
         }
-    }
-    out.flush()
+        for (row, values) in values.chunks_exact(width as usize).enumerate() {
+            out.write_all(&(row as u32).to_le_bytes())?;
+            out.write_all(&(row_bytes as u32).to_le_bytes())?;
+            for value in values {
+                out.write_all(&value.to_le_bytes())?;
+            }
+        }
+        Ok(())
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn written(write: impl FnOnce(&Path) -> io::Result<()>, name: &str) -> Vec<u8> {
+    fn written(write: impl FnOnce(&Path) -> Result<(), WriteError>, name: &str) -> Vec<u8> {
         let file = std::env::temp_dir().join(format!("ambf_render_{}_{name}", std::process::id()));
         write(&file).expect("written");
         let bytes = std::fs::read(&file).expect("readable");
@@ -229,6 +245,6 @@ mod tests {
             assert!(picture().write_depth(Path::new("/no/such/folder/x"), format.1, 10.0).is_err(), "{format:?}");
         }
         let error = picture().write_color(Path::new("/no/such/folder/x.png")).expect_err("no folder");
-        assert_eq!(error.kind(), io::ErrorKind::NotFound);
+        assert_eq!(error.source.kind(), io::ErrorKind::NotFound);
     }
 }

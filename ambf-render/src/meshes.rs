@@ -1,6 +1,7 @@
 //! Meshes and textures on the graphics card, each loaded once.
 
 use std::collections::{HashMap, HashSet};
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Arc;
@@ -61,6 +62,15 @@ pub(crate) enum MeshKey {
     Shape(String),
 }
 
+impl fmt::Display for MeshKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File(path, _) => write!(f, "{}", path.display()),
+            Self::Shape(_) => f.write_str("a shape"),
+        }
+    }
+}
+
 /// A mesh that is wanted.
 #[derive(Debug, Clone)]
 pub(crate) struct MeshRequest {
@@ -110,7 +120,7 @@ impl MeshRequest {
             (None, MeshKey::File(path, remove_duplicates)) => {
                 load_visual(path, *remove_duplicates).map_err(|error| format!("{error}; it is not drawn"))
             }
-            (None, MeshKey::Shape(shape)) => Err(format!("{shape} is no shape")),
+            (None, MeshKey::Shape(_)) => Err("a shape is none".to_owned()),
         }
     }
 }
@@ -172,8 +182,7 @@ impl Library {
         for (request, read) in missing.into_iter().zip(read) {
             let loaded = read.and_then(|(mesh, warnings, is_closed)| {
                 messages.extend(warnings);
-                self.upload(gl, &mesh, is_closed)
-                    .map_err(|error| format!("{:?}: {error}; it is not drawn", request.key))
+                self.upload(gl, &mesh, is_closed).map_err(|error| format!("{}: {error}; it is not drawn", request.key))
             });
             let loaded = loaded.map_err(|message| messages.push(message)).ok();
             self.meshes.insert(request.key.clone(), loaded.map(Arc::new));

@@ -1,9 +1,9 @@
 //! Pictures on surfaces.
 
-use std::fs::File;
-use std::io::{self, Cursor, Read};
+use std::io::{self, Cursor};
 use std::path::{Path, PathBuf};
 
+use ambf_core::files;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 use thiserror::Error;
 
@@ -72,14 +72,7 @@ impl Texture {
     /// See [`TextureError`]. The size is checked before anything is decoded.
     pub fn load(path: &Path) -> Result<Self, TextureError> {
         let io_error = |source| TextureError::Io { path: path.to_path_buf(), source };
-        // Asked for before opening: opening a named pipe would block.
-        let metadata = std::fs::metadata(path).map_err(io_error)?;
-        if !metadata.is_file() {
-            return Err(io_error(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file")));
-        }
-        let mut bytes = Vec::new();
-        File::open(path).map_err(io_error)?.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(io_error)?;
-        Self::parse(&bytes, path)
+        Self::parse(&files::read(path, MAX_BYTES).map_err(io_error)?, path)
     }
 
     /// Reads the content of a picture file as [`load`](Self::load) reads a file; `path` stands for its name.

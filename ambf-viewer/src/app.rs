@@ -8,6 +8,7 @@ mod windows;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::sync::Arc;
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use ambf_core::ids::{BodyId, CameraId};
@@ -29,9 +30,9 @@ use crate::keys;
 use crate::labels::{Counter, Labels};
 use crate::outbox::Outbox;
 use crate::panels::Panels;
-use crate::record::Video;
+use crate::record::{Names, Video};
 use crate::shown;
-use crate::{Ended, Shared, ViewerParts};
+use crate::{Ended, Said, Shared, ViewerParts};
 use pointer::Drag;
 
 /// Time between two frames, at least: 120 Hz at most.
@@ -134,11 +135,14 @@ pub(crate) struct App {
     /// Wall time of the simulation minus the hub's clock, s.
     wall_offset: f64,
     frame_of_wall: u32,
-    news: (Sender<String>, Receiver<String>),
+    news: (Sender<Said>, Receiver<Said>),
     message: Option<(Instant, String)>,
     panels: Panels,
     screenshot: Option<CameraId>,
     video: Option<(CameraId, Video)>,
+    names: Names,
+    /// Threads that complete pictures and videos.
+    writers: Vec<JoinHandle<()>>,
 }
 
 /// What of [`ViewerParts`] is used all the time.
@@ -149,7 +153,7 @@ pub(crate) struct Parts {
     pub devices: Arc<ambf_core::device::host::Controls>,
     pub board: Arc<crate::DeviceBoard>,
     hook: Option<Box<crate::FrameHook>>,
-    say: Box<dyn Fn(&str) + Send>,
+    say: Box<dyn Fn(&Said) + Send>,
 }
 
 impl App {
@@ -186,18 +190,25 @@ impl App {
             panels: Panels::new(load_report),
             screenshot: None,
             video: None,
+            names: Names::default(),
+            writers: Vec::new(),
         }
     }
 
     /// Prints a line.
     fn say(&self, line: &str) {
-        (self.parts.say)(line);
+        (self.parts.say)(&Said::well(line.to_owned()));
     }
 
     /// Prints a line and shows it in the windows for a while.
     fn tell(&mut self, line: String) {
-        self.say(&line);
-        self.message = Some((Instant::now(), line));
+        self.pass_on(Said::well(line));
+    }
+
+    /// The same for a failure, too.
+    fn pass_on(&mut self, said: Said) {
+        (self.parts.say)(&said);
+        self.message = Some((Instant::now(), said.text));
     }
 
     fn end(&mut self, event_loop: &ActiveEventLoop, how: Ended) {
@@ -216,17 +227,17 @@ impl App {
         let (models, done) = (self.parts.models.clone(), self.news.0.clone());
         let work = move || {
             for key in remove {
-                let _ = done.send(match models.remove(&key) {
+                let _ = done.send(Said::well(match models.remove(&key) {
                     Ok(key) => format!("removed {key}"),
                     Err(error) => error.to_string(),
-                });
+                }));
             }
             for file in load {
-                let _ = done.send(match models.add(&file) {
+                let _ = done.send(Said::well(match models.add(&file) {
                     Ok(added) if added.report.is_empty() => format!("added {} from {}", added.key, file.display()),
                     Ok(added) => format!("added {} from {}:\n{}", added.key, file.display(), added.report),
                     Err(error) => format!("{} is not added: {error}", file.display()),
-                });
+                }));
             }
         };
         if let Err(error) = std::thread::Builder::new().name("models".into()).spawn(work) {
@@ -260,8 +271,12 @@ impl App {
                 _ => (),
             }
         }
-        while let Ok(line) = self.news.1.try_recv() {
-            self.tell(line);
+        self.hear_threads();
+    }
+
+    fn hear_threads(&mut self) {
+        while let Ok(said) = self.news.1.try_recv() {
+            self.pass_on(said);
         }
     }
 
@@ -361,10 +376,12 @@ impl ApplicationHandler for App {
     }
 
     fn exiting(&mut self, _: &ActiveEventLoop) {
-        if let Some((_, video)) = self.video.take() {
-            let line = video.finish();
-            self.say(&line);
-        }
+        self.shared.writes.store(true, Ordering::Release);
+        self.finish_video();
+        // A panic was printed, and is nothing to wait for.
+        std::mem::take(&mut self.writers).into_iter().for_each(|writer| drop(writer.join()));
+        self.hear_threads();
+        self.shared.writes.store(false, Ordering::Release);
         self.outbox.post(WindowRequest::Release);
         // What was made in the context goes while it is current.
         let is_current = match (&self.context, self.windows.first()) {

@@ -69,8 +69,27 @@ pub struct ViewerParts {
     pub hook: Option<Box<FrameHook>>,
     /// Problems of the files that were loaded, one line each, for the panel that shows them.
     pub load_report: String,
-    /// Says a line to the user.
-    pub say: Box<dyn Fn(&str) + Send>,
+    /// Says something to the user.
+    pub say: Box<dyn Fn(&Said) + Send>,
+}
+
+/// Something that windows have to say.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Said {
+    /// A line, or several.
+    pub text: String,
+    /// A picture or a video could not be written.
+    pub is_failure: bool,
+}
+
+impl Said {
+    fn well(text: String) -> Self {
+        Self { text, is_failure: false }
+    }
+
+    fn failure(text: String) -> Self {
+        Self { text, is_failure: true }
+    }
 }
 
 /// What is shown of input devices; kept up to date by who runs them, a few times a second.
@@ -130,6 +149,8 @@ pub enum Ended {
 #[derive(Default)]
 struct Shared {
     stop: AtomicBool,
+    /// Pictures and videos are being completed, which is worth any wait.
+    writes: AtomicBool,
     ended: Mutex<Option<Ended>>,
 }
 
@@ -192,7 +213,8 @@ impl Viewer {
         })
     }
 
-    /// Closes all windows. A window system that does not answer within 3 s is left alone.
+    /// Closes all windows, and completes pictures and videos. A window system that does not answer within 3 s is left
+    /// alone.
     pub fn stop(mut self) {
         self.end();
     }
@@ -201,7 +223,8 @@ impl Viewer {
         self.shared.stop.store(true, Ordering::Release);
         let Some(thread) = self.thread.take() else { return };
         let deadline = Instant::now() + STOP_TIMEOUT;
-        while !thread.is_finished() && !connection::is_lost() && Instant::now() < deadline {
+        let is_in_time = || !connection::is_lost() && Instant::now() < deadline;
+        while !thread.is_finished() && (self.shared.writes.load(Ordering::Acquire) || is_in_time()) {
             std::thread::sleep(Duration::from_millis(2));
         }
         if thread.is_finished() {

@@ -1,12 +1,13 @@
 //! Pictures and videos of a window as files.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use ambf_render::{write_rgb_png, FrameTimes, VideoError};
 use crossbeam_channel::{bounded, Sender};
+
+use crate::Said;
 
 /// Pixels of a window: (height x width x 3), the top row first.
 pub(crate) struct Pixels {
@@ -34,28 +35,45 @@ pub(crate) fn read(gl: &glow::Context, (width, height): (u32, u32)) -> Pixels {
     Pixels { width, height, rgb }
 }
 
-/// A file name in the working directory that no file has yet.
-pub(crate) fn free_name(extension: &str) -> PathBuf {
-    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-    let name = |n: u32| match n {
-        0 => PathBuf::from(format!("ambf_{seconds}.{extension}")),
-        n => PathBuf::from(format!("ambf_{seconds}_{n}.{extension}")),
-    };
-    (0..).map(name).find(|name| !name.exists()).unwrap_or_else(|| name(0))
+/// Names of files in the working directory that no file has yet.
+#[derive(Debug, Default)]
+pub(crate) struct Names {
+    /// Second and number of the last one: its file may not be there yet.
+    last: (u64, u32),
+}
+
+impl Names {
+    pub fn next(&mut self, extension: &str) -> PathBuf {
+        let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+        self.at(seconds, extension, Path::exists)
+    }
+
+    fn at(&mut self, seconds: u64, extension: &str, exists: impl Fn(&Path) -> bool) -> PathBuf {
+        let first = if self.last.0 == seconds { self.last.1 + 1 } else { 0 };
+        let name = |n: u32| match n {
+            0 => PathBuf::from(format!("ambf_{seconds}.{extension}")),
+            n => PathBuf::from(format!("ambf_{seconds}_{n}.{extension}")),
+        };
+        let number = (first..u32::MAX).find(|&n| !exists(&name(n))).unwrap_or(first);
+        self.last = (seconds, number);
+        name(number)
+    }
 }
 
 /// Writes a PNG file in a thread of its own; `done` gets a sentence.
-pub(crate) fn save(pixels: Pixels, file: PathBuf, done: Sender<String>) {
+pub(crate) fn save(pixels: Pixels, file: PathBuf, done: Sender<Said>) -> Option<JoinHandle<()>> {
+    let finished = done.clone();
+    let shown = file.display().to_string();
     let work = move || {
         let Pixels { width, height, rgb } = pixels;
-        let saved = image::save_buffer(&file, &rgb, width, height, image::ExtendedColorType::Rgb8);
-        let _ = done.send(match saved {
-            Ok(()) => format!("saved {}", file.display()),
-            Err(error) => format!("{} cannot be written: {error}", file.display()),
+        let saved = write_rgb_png(&file, &rgb, (width, height));
+        let _ = finished.send(match saved {
+            Ok(()) => Said::well(format!("saved {}", file.display())),
+            Err(error) => Said::failure(error.to_string()),
         });
     };
-    // Without a thread there is no picture, and nobody to tell.
-    let _ = std::thread::Builder::new().name("picture".into()).spawn(work);
+    let thread = std::thread::Builder::new().name("picture".into()).spawn(work);
+    thread.inspect_err(|error| drop(done.send(Said::failure(format!("{shown} cannot be written: {error}"))))).ok()
 }
 
 /// Frames a second of videos.
@@ -63,10 +81,10 @@ const RATE: f64 = 30.0;
 /// Frames that may wait for the encoder; more are left out.
 const FRAMES: usize = 8;
 
-/// A video that is being made by ffmpeg.
+/// A video of a window.
 pub(crate) struct Video {
     frames: Option<Sender<Vec<u8>>>,
-    writer: Option<JoinHandle<Result<(), String>>>,
+    writer: Option<JoinHandle<Result<(), VideoError>>>,
     pub file: PathBuf,
     size: (u32, u32),
     next: Instant,
@@ -76,24 +94,19 @@ impl Video {
     /// Starts the encoder.
     ///
     /// # Errors
-    /// A sentence when ffmpeg does not start.
-    pub fn start(file: &Path, size: (u32, u32)) -> Result<Self, String> {
-        let child = Command::new("ffmpeg")
-            .args(["-hide_banner", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
-            .args(["-s", &format!("{}x{}", size.0, size.1), "-use_wallclock_as_timestamps", "1", "-i", "-"])
-            // Encoders want even sizes.
-            .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-fps_mode", "cfr", "-r", "30", "-pix_fmt", "yuv420p"])
-            .arg(file)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .map_err(|error| format!("no video: ffmpeg does not start (Debian package ffmpeg): {error}"))?;
+    /// A sentence when it does not start, or may not write such a file.
+    pub fn start(file: PathBuf, size: (u32, u32)) -> Result<Self, String> {
+        let video =
+            ambf_render::Video::start(&file, size, FrameTimes::Clock(RATE)).map_err(|error| error.to_string())?;
         let (frames, received) = bounded::<Vec<u8>>(FRAMES);
-        let write = move || encode(child, received.into_iter());
+        let write = move || {
+            let mut video = video;
+            received.into_iter().try_for_each(|frame| video.add(&frame))?;
+            video.finish()
+        };
         let writer = std::thread::Builder::new().name("video".into()).spawn(write);
         let writer = writer.map_err(|error| format!("no video: {error}"))?;
-        Ok(Self { frames: Some(frames), writer: Some(writer), file: file.to_owned(), size, next: Instant::now() })
+        Ok(Self { frames: Some(frames), writer: Some(writer), file, size, next: Instant::now() })
     }
 
     /// Whether a frame is due, and fits.
@@ -122,34 +135,45 @@ impl Video {
         }
     }
 
-    /// Ends the video; a sentence. Waits for the encoder.
-    pub fn finish(mut self) -> String {
+    /// Ends the video. Waits for the encoder.
+    pub fn finish(mut self) -> Said {
         self.frames = None;
-        let outcome = self.writer.take().map(JoinHandle::join);
-        match outcome {
-            Some(Ok(Ok(()))) | None => format!("saved {}", self.file.display()),
-            Some(Ok(Err(why))) => format!("{} is not complete: {why}", self.file.display()),
-            Some(Err(_)) => format!("{} is not complete: its thread panicked, which is a bug", self.file.display()),
+        match self.writer.take().map(JoinHandle::join) {
+            Some(Ok(Ok(()))) | None => Said::well(format!("saved {}", self.file.display())),
+            Some(Ok(Err(error))) => Said::failure(error.to_string()),
+            Some(Err(_)) => {
+                Said::failure(format!("no video {}: its thread panicked, which is a bug", self.file.display()))
+            }
         }
     }
 }
 
-fn encode(mut child: Child, frames: impl Iterator<Item = Vec<u8>>) -> Result<(), String> {
-    let mut failed = None;
-    if let Some(mut input) = child.stdin.take() {
-        for frame in frames {
-            if let Err(error) = input.write_all(&frame) {
-                failed = Some(error.to_string());
-                break;
-            }
-        }
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_the_same_second_differ_before_there_are_files() {
+        let mut names = Names::default();
+        let mut next = |seconds, extension| names.at(seconds, extension, |path| path == Path::new("ambf_5_1.png"));
+        assert_eq!(next(5, "png"), Path::new("ambf_5.png"));
+        // The first used to be written over when its thread was slow.
+        assert_eq!(next(5, "png"), Path::new("ambf_5_2.png"), "1 is there");
+        assert_eq!(next(5, "mp4"), Path::new("ambf_5_3.mp4"));
+        assert_eq!(next(6, "png"), Path::new("ambf_6.png"));
     }
-    let output = child.wait_with_output().map_err(|error| error.to_string())?;
-    match (output.status.success(), failed) {
-        (true, None) => Ok(()),
-        (_, failed) => {
-            let said = String::from_utf8_lossy(&output.stderr);
-            Err(said.lines().next_back().map(str::to_owned).or(failed).unwrap_or_else(|| output.status.to_string()))
-        }
+
+    #[test]
+    fn a_picture_that_cannot_be_written_is_a_failure() {
+        let (done, said) = bounded(2);
+        let pixels = || Pixels { width: 1, height: 1, rgb: vec![0; 3] };
+        save(pixels(), PathBuf::from("/no/such/folder/a.png"), done.clone())
+            .expect("a thread")
+            .join()
+            .expect("no panic");
+        let line = said.recv().expect("a sentence");
+        assert!(line.is_failure && line.text.starts_with("/no/such/folder/a.png cannot be written: "), "{line:?}");
+        save(pixels(), PathBuf::from("/dev/full"), done).expect("a thread").join().expect("no panic");
+        assert!(said.recv().expect("a sentence").is_failure);
     }
 }

@@ -64,7 +64,7 @@ fuzz_target!(|text: &str| {
 
     // A second one of the model comes, then the first goes, then all that is left.
     let Ok(again) = PreparedModel::read(&files.models[0]) else { return };
-    let second = simulation.add_model(again).key;
+    let second = simulation.add_model(again).expect("something is built").key;
     command(&mut simulation);
     steps(&mut simulation);
     let first = simulation.scene().models.iter().rfind(|model| !model.removed && model.key != second);

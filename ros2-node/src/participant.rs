@@ -407,7 +407,7 @@ fn serve(shared: &Arc<Shared>, announcements: &RawWriter) {
             announced = Some(now);
             let message = shared.graph.lock().message(shared.dds.guid(), shared.options.gids);
             if let Err(error) = announcements.write(Bytes::from(message), None) {
-                (shared.report())(format_args!("ROS 2: nodes could not be announced: {error:?}"));
+                (shared.report())(format_args!("ROS 2: nodes could not be announced: {error}"));
             }
         }
         // Nobody reads them, and RustDDS keeps 2048.

@@ -1,12 +1,13 @@
 //! Command files: `first|last|kind|body|numbers`, one command a line, `#` starts a comment.
 
+use std::cmp::Reverse;
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
 use ambf_core::comm::{JointCommandType, VehicleCommand};
 use ambf_core::ids::{BodyId, Table, VehicleId};
 use ambf_core::scene::{Identity, Scene};
-use ambf_core::sim::Simulation;
+use ambf_core::sim::{Nearness, Simulation};
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -29,6 +30,24 @@ enum Action {
     Body(BodyId, BodyAction),
     /// To a vehicle: brake, power and steering of all wheels.
     Drive(VehicleId, VehicleCommand),
+}
+
+/// What a command goes to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Addressee {
+    /// A body.
+    Body(BodyId),
+    /// A vehicle.
+    Vehicle(VehicleId),
+}
+
+impl Action {
+    fn addressee(&self) -> Addressee {
+        match self {
+            Self::Body(body, _) => Addressee::Body(*body),
+            Self::Drive(vehicle, _) => Addressee::Vehicle(*vehicle),
+        }
+    }
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -158,13 +177,16 @@ impl Commands {
         Ok(Self { file: file.into(), list: commands })
     }
 
-    /// The place of the last command that has acted on `body` before the end of step `step`.
-    pub fn latest(&self, body: BodyId, step: u64) -> Option<String> {
-        let acted = |command: &&TimedCommand| {
-            matches!(command.action, Action::Body(commanded, _) if commanded == body) && *command.steps.start() < step
+    /// The place of the last command that has acted before the end of step `step`, and what it went to; of all commands
+    /// that to the nearest, as `near` says.
+    pub fn latest(&self, step: u64, near: impl Fn(Addressee) -> Nearness) -> Option<(String, Addressee)> {
+        let acted = self.list.iter().filter(|command| *command.steps.start() < step);
+        let order = |command: &&TimedCommand| {
+            let end = *command.steps.end().min(&step);
+            (near(command.action.addressee()), Reverse(end), Reverse(command.line))
         };
-        let latest = self.list.iter().filter(acted).max_by_key(|command| *command.steps.end().min(&step))?;
-        Some(format!("{}:{}", self.file, latest.line))
+        let latest = acted.min_by_key(order)?;
+        Some((format!("{}:{}", self.file, latest.line), latest.action.addressee()))
     }
 
     /// Applies the commands whose range contains `step`; they act in the step after.
@@ -336,14 +358,25 @@ mod tests {
     }
 
     #[test]
-    fn the_latest_command_of_a_body_is_known() {
+    fn the_latest_command_to_the_nearest_is_known() {
         let commands = parse("0|3|TW|Base|0 0 0 0 0 0\n2|9|TW|Link|0 0 0 0 0 0\n4|5|WR|Base|0 0 0 0 0 0\n").unwrap();
-        for (body, step, line) in [(0, 0, None), (0, 4, Some(1)), (0, 5, Some(3)), (1, 2, None), (1, 90, Some(2))] {
-            assert_eq!(
-                commands.latest(BodyId::new(body), step),
-                line.map(|line: u32| format!("c.txt:{line}")),
-                "{body} {step}"
-            );
+        let (none, first, third) = (None, Some(("c.txt:1", 0)), Some(("c.txt:3", 0)));
+        let second = Some(("c.txt:2", 1));
+        // What a command to another body is named for is a body without any.
+        let cases = [
+            (0, 0, none),
+            (0, 4, first),
+            (0, 5, third),
+            (1, 2, first),
+            (1, 90, second),
+            (0, 90, third),
+            (7, 90, second),
+        ];
+        for (body, step, expected) in cases {
+            let near =
+                |to| if to == Addressee::Body(BodyId::new(body)) { Nearness::Connected } else { Nearness::Apart };
+            let expected = expected.map(|(place, to)| (place.to_owned(), Addressee::Body(BodyId::new(to))));
+            assert_eq!(commands.latest(step, near), expected, "{body} {step}");
         }
     }
 

@@ -2,30 +2,35 @@
 
 mod commands;
 mod energy;
+mod outputs;
 #[cfg(feature = "pictures")]
 mod pictures;
 mod trace;
 
-pub use commands::{CommandError, Commands, Targets};
+pub use commands::{Addressee, CommandError, Commands, Targets};
 pub use energy::EnergyWriter;
 #[cfg(feature = "pictures")]
 pub use pictures::{PictureError, Pictures};
 pub use trace::TraceWriter;
 
 use std::collections::HashMap;
-use std::path::PathBuf;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use ambf_core::bullet::SolverStatistics;
+use ambf_core::files::{self, WriteError};
 use ambf_core::scene::{load, Loaded, SceneOptions};
-use ambf_core::sim::{LostState, Simulation};
+use ambf_core::sim::{LostState, Nearness, Simulation};
 use thiserror::Error;
 
+use outputs::Outputs;
+
 use crate::cli::BatchOptions;
-use crate::launch;
-use crate::plugins;
 use crate::process::{self, cpu_seconds, peak_memory_mb};
+use crate::{launch, plugins, report};
+
+/// Largest command file that is read, bytes.
+const MAX_COMMANDS: u64 = 64 << 20;
 
 /// Why a batch run ended early.
 #[derive(Debug, Error)]
@@ -40,22 +45,9 @@ pub enum BatchError {
     /// Error when a command file cannot be used.
     #[error(transparent)]
     Commands(#[from] CommandError),
-    /// Error when a trace cannot be written.
-    #[error("cannot write the trace {}: {source}", prefix.display())]
-    Trace {
-        /// Where it should be.
-        prefix: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// Error when the energy ledger cannot be written.
-    #[error("cannot write the energy ledger {}: {source}", path.display())]
-    Energy {
-        /// Where it should be.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    /// Error when a file cannot be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
     /// Error when pictures cannot be taken or written.
     #[cfg(feature = "pictures")]
     #[error(transparent)]
@@ -63,18 +55,18 @@ pub enum BatchError {
     /// Error when the state became non-finite or implausible.
     #[error(transparent)]
     Lost(#[from] LostState),
-    /// Error when SIGINT or SIGTERM ended a run with plugins, after they were closed. Without plugins these end the
+    /// Error when SIGINT or SIGTERM ended a run with plugins or files, after they were closed. Without these it ends the
     /// program at once.
     #[error("interrupted")]
     Interrupted,
 }
 
 impl BatchError {
-    /// Exit status of the program: 1 usage, 2 loading, 3 non-finite, 130 interrupted.
+    /// Exit status of the program: 1 usage, 2 loading or writing, 3 non-finite, 130 interrupted.
     pub fn status(&self) -> i32 {
         match self {
             Self::Usage(_) => 1,
-            Self::Load(_) | Self::Commands(_) | Self::Trace { .. } | Self::Energy { .. } => 2,
+            Self::Load(_) | Self::Commands(_) | Self::Write(_) => 2,
             #[cfg(feature = "pictures")]
             Self::Pictures(PictureError::Camera(_) | PictureError::Twice(_)) => 1,
             #[cfg(feature = "pictures")]
@@ -155,6 +147,8 @@ impl Summary {
 
 /// Loads the scene, steps it, writes the traces. Problems of the scene go to `warn`.
 ///
+/// Files are there when they are complete: when the run is over, however it ends.
+///
 /// A file that cannot be used at all ends the run before it starts. A broken element, such as a body whose mesh is
 /// missing, is dropped as in the C++ program; the rest runs, and [`Summary::status`] tells.
 ///
@@ -167,99 +161,84 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
     let commands = match &options.commands {
         Some(path) => {
             let file = path.display().to_string();
-            let text = std::fs::read_to_string(path).map_err(|error| BatchError::Load(format!("{file}: {error}")))?;
+            let text =
+                files::read_text(path, MAX_COMMANDS).map_err(|error| BatchError::Load(format!("{file}: {error}")))?;
             Commands::parse(&text, &file, &Targets::new(simulation.scene(), &names))?
         }
         None => Commands::default(),
     };
-    let trace_error = |source| BatchError::Trace { prefix: options.trace.clone().unwrap_or_default(), source };
-    let mut trace = match &options.trace {
-        Some(prefix) => Some(TraceWriter::create(prefix, &simulation, names, options.full).map_err(trace_error)?),
-        None => None,
-    };
-    let energy_error = |source| BatchError::Energy { path: options.energy.clone().unwrap_or_default(), source };
-    let mut energy = match &options.energy {
-        Some(path) => Some(EnergyWriter::create(path, &mut simulation).map_err(energy_error)?),
-        None => None,
-    };
-    #[cfg(feature = "pictures")]
-    let mut pictures = match &options.pictures {
-        Some(wanted) => Some(Pictures::create(wanted, &simulation, options.dt)?),
-        None => None,
-    };
-    #[cfg(not(feature = "pictures"))]
-    if options.pictures.is_some() {
-        return Err(BatchError::Usage("--render: this program was built without pictures (feature `view`)".into()));
-    }
+    let mut outputs = Outputs::create(options, &mut simulation, names)?;
     let load = begin.elapsed();
 
-    let has_plugins = simulation.has_plugins();
-    let stop = has_plugins.then(process::stop_flag);
+    let stop = (simulation.has_plugins() || !outputs.is_empty()).then(process::stop_flag);
     let cpu_before = cpu_seconds();
-    let mut wall = Duration::ZERO;
-    let mut tail = (Duration::ZERO, 0);
-    commands.apply(&mut simulation, 0);
-    for step in 0..=options.steps {
-        if step > 0 {
-            let begin = Instant::now();
-            simulation.iterate(options.dt).map_err(|error| name_command(error, &commands, &simulation))?;
-            let cost = begin.elapsed();
-            wall += cost;
-            if step > options.steps - options.steps / 4 {
-                tail = (tail.0 + cost, tail.1 + 1);
-            }
-        }
-        if step % options.every == 0 || step == options.steps {
-            if let Some(trace) = &mut trace {
-                trace.write(&simulation, step).map_err(trace_error)?;
-            }
-            if let Some(energy) = &mut energy {
-                energy.write(&simulation, step).map_err(energy_error)?;
-            }
-        }
-        #[cfg(feature = "pictures")]
-        if let Some(pictures) = &mut pictures {
-            pictures.take(&simulation, step)?;
-        }
-        if step > 0 {
-            let begin = Instant::now();
-            commands.apply(&mut simulation, step);
-            wall += begin.elapsed();
-        }
-        if has_plugins {
-            plugins::say(&mut simulation);
-        }
-        if stop.as_ref().is_some_and(|stop| stop.load(Ordering::Acquire)) {
-            plugins::close(&mut simulation);
-            return Err(BatchError::Interrupted);
-        }
-    }
+    let mut cost = Cost::default();
+    let outcome = step(options, &mut simulation, &commands, &mut outputs, stop.as_deref(), &mut cost);
     plugins::close(&mut simulation);
     let cpu_s = cpu_seconds() - cpu_before;
-    if let Some(trace) = trace {
-        trace.finish().map_err(trace_error)?;
-    }
-    if let Some(energy) = energy {
-        energy.finish().map_err(energy_error)?;
-    }
-    #[cfg(feature = "pictures")]
-    if let Some(pictures) = pictures {
-        pictures.finish()?;
+    let mut problems = outcome.err().into_iter().chain(outputs.finish());
+    if let Some(first) = problems.next() {
+        problems.for_each(|problem| report!("{problem}"));
+        return Err(first);
     }
     Ok(Summary {
         steps: options.steps,
         sim_s: simulation.sim_time(),
         load,
-        wall,
+        wall: cost.wall,
         bullet: simulation.bullet_time(),
         cpu_s,
-        tail,
+        tail: cost.tail,
         peak_rss_mb: peak_memory_mb(),
         bodies: simulation.scene().bodies.len(),
         joints: simulation.scene().joints.len(),
         incomplete,
         solver: simulation.take_solver_statistics(),
     })
+}
+
+/// Wall time of steps.
+#[derive(Default)]
+struct Cost {
+    wall: Duration,
+    /// Of the last quarter of the steps, and their number.
+    tail: (Duration, u64),
+}
+
+/// Makes all steps, or as many as come before `stop`.
+fn step(
+    options: &BatchOptions,
+    simulation: &mut Simulation,
+    commands: &Commands,
+    outputs: &mut Outputs,
+    stop: Option<&AtomicBool>,
+    cost: &mut Cost,
+) -> Result<(), BatchError> {
+    commands.apply(simulation, 0);
+    for step in 0..=options.steps {
+        if step > 0 {
+            let begin = Instant::now();
+            simulation.iterate(options.dt).map_err(|error| name_command(error, commands, simulation))?;
+            let took = begin.elapsed();
+            cost.wall += took;
+            if step > options.steps - options.steps / 4 {
+                cost.tail = (cost.tail.0 + took, cost.tail.1 + 1);
+            }
+        }
+        outputs.write(simulation, step)?;
+        if step > 0 {
+            let begin = Instant::now();
+            commands.apply(simulation, step);
+            cost.wall += begin.elapsed();
+        }
+        if simulation.has_plugins() {
+            plugins::say(simulation);
+        }
+        if stop.is_some_and(|stop| stop.load(Ordering::Acquire)) {
+            return Err(BatchError::Interrupted);
+        }
+    }
+    Ok(())
 }
 
 fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simulation, bool), BatchError> {
@@ -288,12 +267,20 @@ fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simula
     Ok((simulation, report.errors() > 0))
 }
 
-/// Names the line of the command file with the last command of the lost body.
+/// Names the line of the command file with the last command of the lost body, or of the nearest to it.
 fn name_command(mut error: LostState, commands: &Commands, simulation: &Simulation) -> LostState {
-    let body = simulation.scene().bodies.position(|body| body.identity.key() == error.body);
-    let latest = |body| commands.latest(body, u64::from(error.step));
-    if let Some(place) = body.and_then(|body| simulation.commanders(body).find_map(latest)) {
-        error.command = place;
+    let scene = simulation.scene();
+    let lost = scene.bodies.position(|body| body.identity.key() == error.body).map(|body| simulation.nearness(body));
+    let near = |to| match (to, &lost) {
+        (Addressee::Body(body), Some(near)) => near[body],
+        _ => Nearness::Apart,
+    };
+    if let Some((place, to)) = commands.latest(u64::from(error.step), near) {
+        let identity = match to {
+            Addressee::Body(body) => &scene.bodies[body].identity,
+            Addressee::Vehicle(vehicle) => &scene.vehicles[vehicle].identity,
+        };
+        error.command = format!("{place} to `{}`", identity.key());
     }
     error
 }

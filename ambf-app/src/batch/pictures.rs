@@ -1,23 +1,20 @@
 //! Pictures of a batch run: files, and videos that `ffmpeg` makes of them.
 
-mod video;
-
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use ambf_core::adf::ShaderProgram;
+use ambf_core::files::{folder_for, Output, WriteError};
 use ambf_core::ids::CameraId;
 use ambf_core::scene::VisualScene;
 use ambf_core::sim::Simulation;
 use ambf_render::{
-    find_camera, object_label, published_size, DepthFormat, NoSuchCamera, Picture, PictureRequest, RenderError,
-    Renderer, Stage, View,
+    find_camera, object_label, published_size, DepthFormat, FrameTimes, NoSuchCamera, Picture, PictureRequest,
+    RenderError, Renderer, Stage, Video, VideoError, View,
 };
 use thiserror::Error;
 
-use self::video::Video;
 use crate::cli::PictureOptions;
 use crate::report;
 
@@ -38,24 +35,11 @@ pub enum PictureError {
     #[error("--render: {0}")]
     Render(#[from] RenderError),
     /// Error when a file cannot be written.
-    #[error("cannot write {}: {source}", file.display())]
-    Write {
-        /// The file.
-        file: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// Error when `ffmpeg` cannot be started.
-    #[error("--video: ffmpeg cannot be started ({0}); install it (apt install ffmpeg), or write pictures with --out")]
-    NoFfmpeg(io::Error),
-    /// Error when `ffmpeg` gives up.
-    #[error("--video: ffmpeg cannot write {}: {said}", file.display())]
-    Video {
-        /// The video.
-        file: PathBuf,
-        /// What it printed.
-        said: String,
-    },
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// Error when there is no video.
+    #[error("--video: {0}")]
+    Video(#[from] VideoError),
     /// Error when a camera was removed while the scene was stepped.
     #[error("--render: the camera {0} was removed from the scene")]
     Removed(String),
@@ -82,7 +66,7 @@ pub struct Pictures {
     cameras: Vec<Camera>,
     every: u64,
     folder: Option<PathBuf>,
-    list: Option<BufWriter<File>>,
+    list: Option<Output>,
     depth: Option<DepthFormat>,
     ids: bool,
     samples: u32,
@@ -90,13 +74,19 @@ pub struct Pictures {
     is_new: bool,
 }
 
-fn failed(file: &Path) -> impl Fn(io::Error) -> PictureError + '_ {
-    move |source| PictureError::Write { file: file.to_owned(), source }
-}
-
 /// For file names.
 fn plain(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' }).collect()
+}
+
+/// The file of one of several cameras: `FOLDER/STEM_CAMERA.EXTENSION`.
+fn video_of(file: &Path, camera: &str) -> PathBuf {
+    let text = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
+    let (stem, extension) = (text(file.file_stem()), text(file.extension()));
+    match extension.is_empty() {
+        true => file.with_file_name(format!("{stem}_{camera}")),
+        false => file.with_file_name(format!("{stem}_{camera}.{extension}")),
+    }
 }
 
 impl Pictures {
@@ -125,11 +115,11 @@ impl Pictures {
         let renderer = Renderer::offscreen()?;
         let list = match &options.out {
             Some(folder) => {
-                std::fs::create_dir_all(folder).map_err(failed(folder))?;
                 let file = folder.join("pictures.csv");
-                let mut list = BufWriter::new(File::create(&file).map_err(failed(&file))?);
+                folder_for(&file)?;
+                let mut list = Output::create(&file)?;
                 let heading = "sim_step,sim_time,camera,file,px,py,pz,qx,qy,qz,qw,near,far,fx,fy,cx,cy,s";
-                writeln!(list, "{heading}").map_err(failed(&file))?;
+                list.add(|list| writeln!(list, "{heading}"))?;
                 Some(list)
             }
             None => None,
@@ -137,8 +127,10 @@ impl Pictures {
         if let Some(file) = &options.video {
             let is_only = cameras.len() == 1;
             for camera in &mut cameras {
-                let file = if is_only { file.clone() } else { video::file_of(file, &camera.name) };
-                camera.video = Some(Video::start(file, (camera.width, camera.height), 1.0 / (every as f64 * dt))?);
+                let file = if is_only { file.clone() } else { video_of(file, &camera.name) };
+                folder_for(&file)?;
+                let times = FrameTimes::Rate(1.0 / (every as f64 * dt));
+                camera.video = Some(Video::start(&file, (camera.width, camera.height), times)?);
             }
         }
         let depth = options.depth.as_deref().and_then(DepthFormat::from_name);
@@ -197,8 +189,10 @@ impl Pictures {
                 self.write(folder, &stem, &picture, view.far)?;
                 self.record(&stem, (step, simulation.sim_time()), &name, &view, &picture)?;
             }
-            if let Some(video) = &mut self.cameras[camera].video {
-                video.add(&picture.color)?;
+            let film = &mut self.cameras[camera].video;
+            if let Some(Err(error)) = film.as_mut().map(|video| video.add(&picture.color)) {
+                *film = None;
+                return Err(error.into());
             }
         }
         if let Some(folder) = self.folder.as_ref().filter(|_| self.ids && self.is_new) {
@@ -210,14 +204,14 @@ impl Pictures {
 
     fn write(&self, folder: &Path, stem: &str, picture: &Picture, far: f64) -> Result<(), PictureError> {
         let file = folder.join(format!("{stem}.png"));
-        picture.write_color(&file).map_err(failed(&file))?;
+        picture.write_color(&file)?;
         if let Some(format) = self.depth {
             let file = folder.join(format!("{stem}_depth.{}", format.extension()));
-            picture.write_depth(&file, format, far).map_err(failed(&file))?;
+            picture.write_depth(&file, format, far)?;
         }
         if self.ids {
             let file = folder.join(format!("{stem}_ids.npy"));
-            picture.write_ids(&file).map_err(failed(&file))?;
+            picture.write_ids(&file)?;
         }
         Ok(())
     }
@@ -231,7 +225,7 @@ impl Pictures {
         view: &View,
         picture: &Picture,
     ) -> Result<(), PictureError> {
-        let (Some(list), Some(folder)) = (&mut self.list, &self.folder) else { return Ok(()) };
+        let Some(list) = &mut self.list else { return Ok(()) };
         let mut line = format!("{step},{time:?},{name},{stem}.png");
         let rotation = view.pose.rotation.coords;
         let numbers = view.pose.translation.vector.iter().chain(rotation.iter()).chain([&view.near, &view.far]);
@@ -244,8 +238,7 @@ impl Pictures {
             Some(k) => [k.m11, k.m22, k.m13, k.m23, k.m12].iter().for_each(|number| line += &format!(",{number:?}")),
             None => line += ",,,,,",
         }
-        line.push('\n');
-        list.write_all(line.as_bytes()).map_err(failed(&folder.join("pictures.csv")))
+        Ok(list.add(|list| writeln!(list, "{line}"))?)
     }
 
     /// Writes which number stands for which object.
@@ -257,17 +250,26 @@ impl Pictures {
             let cell = if is_plain { name.to_owned() } else { format!("\"{}\"", name.replace('"', "\"\"")) };
             text += &format!("{id},{cell}\n");
         }
-        std::fs::write(file, text).map_err(failed(file))
+        Ok(Output::write_whole(file, |out| out.write_all(text.as_bytes()))?)
     }
 
-    /// Completes the files and the videos.
-    ///
-    /// # Errors
-    /// [`PictureError`].
-    pub fn finish(mut self) -> Result<(), PictureError> {
-        if let (Some(list), Some(folder)) = (&mut self.list, &self.folder) {
-            list.flush().map_err(failed(&folder.join("pictures.csv")))?;
-        }
-        self.cameras.iter_mut().filter_map(|camera| camera.video.take()).try_for_each(Video::finish)
+    /// Completes the list and the videos, each whatever becomes of the others; what failed.
+    pub fn finish(self) -> Vec<PictureError> {
+        let Self { list, cameras, .. } = self;
+        let listed = list.map(|list| list.finish().map_err(PictureError::from));
+        let filmed = cameras.into_iter().filter_map(|camera| camera.video);
+        let filmed = filmed.map(|video| video.finish().map_err(PictureError::from));
+        listed.into_iter().chain(filmed).filter_map(Result::err).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_camera_has_its_file() {
+        assert_eq!(video_of(Path::new("a/film.mp4"), "left"), Path::new("a/film_left.mp4"));
+        assert_eq!(video_of(Path::new("film"), "left"), Path::new("film_left"));
     }
 }

@@ -1,19 +1,19 @@
 //! Trace files: what the state of a scene was, step by step, as comma-separated values.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::Path;
 
 use ambf_core::bullet::BodyKinematics;
+use ambf_core::files::{folder_for, Output, WriteError};
 use ambf_core::ids::{BodyId, JointId, Table};
 use ambf_core::sim::Simulation;
 use nalgebra::Isometry3;
 
 /// Trace files of bodies, joints and soft bodies. Only what exists in the scene is written.
 pub struct TraceWriter {
-    bodies: Option<BufWriter<File>>,
-    joints: Option<BufWriter<File>>,
-    soft_nodes: Option<BufWriter<File>>,
+    bodies: Option<Output>,
+    joints: Option<Output>,
+    soft_nodes: Option<Output>,
     names: Table<BodyId, String>,
     /// Bodies in order of their qualified identifiers.
     order: Vec<BodyId>,
@@ -31,20 +31,18 @@ impl TraceWriter {
     ///
     /// # Errors
     /// When a file or its folder cannot be made.
-    pub fn create(prefix: &Path, simulation: &Simulation, names: Vec<String>, full: bool) -> io::Result<Self> {
+    pub fn create(prefix: &Path, simulation: &Simulation, names: Vec<String>, full: bool) -> Result<Self, WriteError> {
         let scene = simulation.scene();
-        if let Some(folder) = prefix.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder)?;
-        }
-        let create = |suffix: &str, heading: &str, wanted: bool| -> io::Result<Option<BufWriter<File>>> {
+        folder_for(prefix)?;
+        let create = |suffix: &str, heading: &str, wanted: bool| -> Result<Option<Output>, WriteError> {
             if !wanted {
                 return Ok(None);
             }
             let mut path = prefix.as_os_str().to_owned();
             path.push(suffix);
-            let mut writer = BufWriter::new(File::create(path)?);
-            writeln!(writer, "{heading}")?;
-            Ok(Some(writer))
+            let mut output = Output::create(Path::new(&path))?;
+            output.add(|out| writeln!(out, "{heading}"))?;
+            Ok(Some(output))
         };
         let mut heading = String::from("sim_step,sim_time,body,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz");
         if full {
@@ -79,52 +77,59 @@ impl TraceWriter {
     ///
     /// # Errors
     /// When a file cannot be written.
-    pub fn write(&mut self, simulation: &Simulation, step: u64) -> io::Result<()> {
+    pub fn write(&mut self, simulation: &Simulation, step: u64) -> Result<(), WriteError> {
+        let Self { bodies, joints, soft_nodes, names, order, joint_order, states, nodes, full } = self;
         let (scene, time) = (simulation.scene(), simulation.sim_time());
-        if let Some(out) = &mut self.bodies {
-            scene.world.read_bodies(self.states.as_mut_slice());
-            for &id in &self.order {
-                let (body, state) = (&scene.bodies[id], &self.states[id]);
-                write!(out, "{step},{time:?},{}", self.names[id])?;
-                write_pose(out, &state.body_pose(&body.inertial_offset_inverse))?;
-                write_numbers(out, &state.linear_velocity)?;
-                write_numbers(out, &state.angular_velocity)?;
-                if self.full {
-                    let pose = scene.world.bodies().get(id.index()).and_then(|&handle| scene.world.pose(handle));
-                    write_pose(out, &pose.unwrap_or_else(Isometry3::identity))?;
-                }
-                writeln!(out)?;
-            }
-        }
-        if let Some(out) = &mut self.joints {
-            for joint in self.joint_order.iter().map(|&joint| &scene.joints[joint]) {
-                let (parent, child) = (&self.names[joint.parent], &self.names[joint.child]);
-                write!(out, "{step},{time:?},{},{},{parent},{child}", joint.name, joint.joint_type.code())?;
-                write_numbers(out, &[joint.position, joint.velocity, joint.effort])?;
-                writeln!(out)?;
-            }
-        }
-        if let Some(out) = &mut self.soft_nodes {
-            for soft in &scene.soft_bodies {
-                let nodes = &mut self.nodes[..soft.nodes];
-                soft.read_nodes(&scene.world, nodes);
-                for (number, node) in nodes.iter().enumerate() {
-                    write!(out, "{step},{time:?},{},{number}", soft.identity.communication_name())?;
-                    write_numbers(out, node)?;
+        if let Some(out) = bodies {
+            scene.world.read_bodies(states.as_mut_slice());
+            out.add(|out| {
+                for &id in &*order {
+                    let (body, state) = (&scene.bodies[id], &states[id]);
+                    write!(out, "{step},{time:?},{}", names[id])?;
+                    write_pose(out, &state.body_pose(&body.inertial_offset_inverse))?;
+                    write_numbers(out, &state.linear_velocity)?;
+                    write_numbers(out, &state.angular_velocity)?;
+                    if *full {
+                        let pose = scene.world.bodies().get(id.index()).and_then(|&handle| scene.world.pose(handle));
+                        write_pose(out, &pose.unwrap_or_else(Isometry3::identity))?;
+                    }
                     writeln!(out)?;
                 }
-            }
+                Ok(())
+            })?;
+        }
+        if let Some(out) = joints {
+            out.add(|out| {
+                for joint in joint_order.iter().map(|&joint| &scene.joints[joint]) {
+                    let (parent, child) = (&names[joint.parent], &names[joint.child]);
+                    write!(out, "{step},{time:?},{},{},{parent},{child}", joint.name, joint.joint_type.code())?;
+                    write_numbers(out, &[joint.position, joint.velocity, joint.effort])?;
+                    writeln!(out)?;
+                }
+                Ok(())
+            })?;
+        }
+        if let Some(out) = soft_nodes {
+            out.add(|out| {
+                for soft in &scene.soft_bodies {
+                    let nodes = &mut nodes[..soft.nodes];
+                    soft.read_nodes(&scene.world, nodes);
+                    for (number, node) in nodes.iter().enumerate() {
+                        write!(out, "{step},{time:?},{},{number}", soft.identity.communication_name())?;
+                        write_numbers(out, node)?;
+                        writeln!(out)?;
+                    }
+                }
+                Ok(())
+            })?;
         }
         Ok(())
     }
 
-    /// Makes sure that all is on disk.
-    ///
-    /// # Errors
-    /// When the rest cannot be written.
-    pub fn finish(mut self) -> io::Result<()> {
-        let files = [self.bodies.as_mut(), self.joints.as_mut(), self.soft_nodes.as_mut()];
-        files.into_iter().flatten().try_for_each(BufWriter::flush)
+    /// Completes the files, each whatever becomes of the others; what failed.
+    pub fn finish(self) -> Vec<WriteError> {
+        let files = [self.bodies, self.joints, self.soft_nodes];
+        files.into_iter().flatten().filter_map(|file| file.finish().err()).collect()
     }
 }
 

@@ -3,11 +3,17 @@
 use std::process::exit;
 
 use ambf_app::cli::{CliError, Parsed, SimulatorOptions};
-use ambf_app::{check, doctor, report, ros, simulator};
+use ambf_app::report::exit_status;
+use ambf_app::{check, doctor, print_line, report, ros, simulator};
 
 fn main() {
+    exit(exit_status(run(), CliError::SIMULATOR_UNWRITTEN));
+}
+
+/// The exit status, if all that is said arrives.
+fn run() -> i32 {
     if let Some(ended) = ros_node::serve_master(std::env::args_os().skip(1)) {
-        exit(i32::from(ended.is_err()));
+        return i32::from(ended.is_err());
     }
     let arguments = match ros::RosArguments::take() {
         Ok(arguments) => arguments,
@@ -17,7 +23,7 @@ fn main() {
         }
         Err(error) => {
             report!("{error}");
-            exit(CliError::SIMULATOR_STATUS);
+            return CliError::SIMULATOR_STATUS;
         }
     };
     let options = match SimulatorOptions::parse(std::env::args_os()) {
@@ -25,24 +31,30 @@ fn main() {
             notes.iter().for_each(|note| report!("{note}"));
             options
         }
-        Ok(Parsed::Print(text)) => return ambf_app::print_line!("{}", text.trim_end()),
+        Ok(Parsed::Print(text)) => {
+            print_line!("{}", text.trim_end());
+            return 0;
+        }
         Err(error) => {
-            ambf_app::report!("{error}");
-            exit(CliError::SIMULATOR_STATUS);
+            report!("{error}");
+            return CliError::SIMULATOR_STATUS;
         }
     };
     if let Some(check) = &options.check {
-        exit(check::print(check));
+        return check::print(check);
     }
     if options.doctor {
-        exit(doctor::print(&options.launch_file));
+        return doctor::print(&options.launch_file);
     }
     if options.end_master {
-        exit(end_master());
+        return end_master();
     }
-    if let Err(error) = simulator::run(&options, arguments) {
-        report!("{error}");
-        exit(error.status());
+    match simulator::run(&options, arguments) {
+        Ok(()) => 0,
+        Err(error) => {
+            report!("{error}");
+            error.status()
+        }
     }
 }
 
@@ -50,8 +62,8 @@ fn main() {
 fn end_master() -> i32 {
     let uri = ros_node::master_uri();
     match ros_node::end_master(&uri) {
-        Ok(true) => ambf_app::print_line!("the master at {uri} has ended"),
-        Ok(false) => ambf_app::print_line!("no master answers at {uri}"),
+        Ok(true) => print_line!("the master at {uri} has ended"),
+        Ok(false) => print_line!("no master answers at {uri}"),
         Err(error) => {
             report!("{error}");
             return 1;

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use ambf_core::adf::{
     self, ColorTable, FileKind, InputDevices, Launch, LoadError, ObjectType, Outline, Report, SourcePos, World,
 };
+use ambf_core::files::{look, Found};
 use ambf_core::scene::{load, read_model, Loaded, Note, SceneFiles, SceneOptions};
 use ambf_core::urdf;
 
@@ -101,10 +102,10 @@ impl Checker {
         self.rows.push(Row { file: path.display().to_string(), kind, ..Row::default() });
 
         // It is read more than once, which a pipe cannot give.
-        if path.metadata().is_ok_and(|metadata| !metadata.is_file()) {
+        if let Found::Other(kind) = look(path) {
             let place = SourcePos { file: path.into(), line: 0, column: 0 };
-            let sentence = "is no regular file; it is not checked";
-            return self.findings.push(Finding::new(Level::Error, "unreadable", place, &[], sentence));
+            let sentence = format!("is {kind}, expected a file; it is not checked");
+            return self.findings.push(Finding::new(Level::Error, "unreadable", place, &[], &sentence));
         }
         let is_urdf = urdf::is_urdf(path);
         let outline = match if is_urdf { Ok(Outline::empty(path)) } else { Outline::load(path) } {

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use ambf_core::files::{look as look_at, Found};
+
 use super::summary::Presence;
 
 /// Files that were looked for on behalf of one file, each once.
@@ -56,7 +58,10 @@ fn why_not(path: &Path) -> Option<String> {
     let shown = path.display();
     match std::fs::metadata(path) {
         Ok(metadata) if metadata.is_file() => None,
-        Ok(_) => Some(format!("{shown} is no regular file")),
+        Ok(_) => Some(match look_at(path) {
+            Found::Other(kind) => format!("{shown} is {kind}, expected a file"),
+            _ => format!("{shown} is no file"),
+        }),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Some(match other_case(path) {
             Some(name) => format!("{shown} does not exist; `{name}` does: names are case sensitive"),
             None => format!("{shown} does not exist"),
@@ -94,7 +99,7 @@ mod tests {
         assert!(why.contains("`A.STL`"), "{why}");
         let places = [folder.join("b.stl"), folder.join("A.STL")];
         assert_eq!((files.first_mesh(&places), files.first_mesh(&places[..1])), (Some(1), None));
-        assert!(files.other(&folder).expect("a folder").ends_with("is no regular file"));
+        assert!(files.other(&folder).expect("a folder").ends_with("is a folder, expected a file"));
         assert_eq!(files.meshes(), Presence { named: 3, found: 1 });
         std::fs::remove_dir_all(folder).unwrap();
     }

@@ -4,6 +4,7 @@ use std::fmt;
 
 use ambf_core::adf::{Entry, LoadError, Problem, Severity, SourcePos};
 use ambf_core::scene::Note;
+use ambf_core::text::one_line;
 use serde_json::{json, Value};
 
 use super::original::{self, Difference};
@@ -166,7 +167,7 @@ impl Finding {
 
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}: {}", self.place, self.level.word(), self.sentence)?;
+        f.write_str(&one_line(&format!("{}: {}: {}", self.place, self.level.word(), self.sentence)))?;
         match self.original {
             Some(original) => write!(f, " (the C++ program: {original})"),
             None => Ok(()),

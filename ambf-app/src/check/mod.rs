@@ -20,6 +20,8 @@ mod view;
 use serde_json::{json, Value};
 
 use crate::cli::CheckOptions;
+use crate::print_line;
+use crate::report::print_document;
 use checker::Checker;
 
 pub use finding::{Finding, Level};
@@ -38,8 +40,10 @@ pub fn run(options: &CheckOptions) -> Checked {
 /// Checks what a command line names and prints it on standard output; the exit status.
 pub fn print(options: &CheckOptions) -> i32 {
     let checked = run(options);
-    let text = if options.json { format!("{:#}", checked.to_json()) } else { checked.to_text() };
-    crate::print_line!("{}", text.trim_end());
+    match options.json {
+        true => print_document(&format!("{:#}", checked.to_json())),
+        false => print_line!("{}", checked.to_text().trim_end()),
+    }
     checked.status()
 }
 

@@ -107,7 +107,7 @@ impl BatchOptions {
     version = ambf_version::VERSION,
     about = "Steps a scene as fast as it can, without ROS and without a clock, and writes traces.",
     after_help = "At least one of -l and -a is needed, except with --check.\n\n\
-                  Exit status: 0 done; 1 wrong usage; 2 a file could not be loaded; 3 the state became non-finite.\n\
+                  Exit status: 0 done; 1 wrong usage; 2 a file could not be loaded, or not be written; 3 the state became non-finite.\n\
                   Of --check: 0 nothing is dropped; 1 wrong usage; 2 something is refused or dropped.\n\n\
                   Examples:\n  ambf_batch -a pendulum.yaml --steps 3000 --trace out/pendulum --every 20 --json\n  \
                   ambf_batch --check robot.yaml world.yaml"

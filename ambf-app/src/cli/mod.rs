@@ -49,6 +49,10 @@ impl CliError {
     pub const SIMULATOR_STATUS: i32 = 2;
     /// Exit status of `ambf_batch` for an unusable command line: 1.
     pub const BATCH_STATUS: i32 = 1;
+    /// Exit status of `ambf_simulator` when something that was asked for, or said, could not be written: 1.
+    pub const SIMULATOR_UNWRITTEN: i32 = 1;
+    /// The same of `ambf_batch`: 2.
+    pub const BATCH_UNWRITTEN: i32 = 2;
 }
 
 /// How Bullet solves and integrates; `None` leaves a choice to the world file and then to the profile.

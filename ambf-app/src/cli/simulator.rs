@@ -177,7 +177,7 @@ impl SimulatorOptions {
 BOOL is true, yes, on, 1 or false, no, off, 0. Long names may be shortened: --launch. A value may be attached: -l1, --ns=/a.
 Without -l and -a, -l 1 is assumed. Unknown options are ignored and named.
 With --check, words that belong to no option are files to check; without any, what -l and -a name, else the launch file.
-Exit status of --check: 0 nothing is dropped, 2 something is refused or dropped.
+Exit status of --check: 0 nothing is dropped, 1 the report could not be written, 2 something is refused or dropped.
 
 Environment: ROS_MASTER_URI, ROS_IP, ROS_HOSTNAME; AMBF_ROOT_PATH, AMBF_RESOURCES (folder of launch.yaml);
 AMBF_PLUGIN_PATH (folders of plugins, separated by colons).

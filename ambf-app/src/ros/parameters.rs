@@ -142,6 +142,19 @@ impl OnServer for LightParameters {
     }
 }
 
+/// A value of a parameter, as its user would write it.
+fn words(value: &Value) -> String {
+    match value {
+        Value::Integer(number) => number.to_string(),
+        Value::Boolean(truth) => truth.to_string(),
+        Value::Double(number) => format!("{number:?}"),
+        Value::String(text) => format!("\"{text}\""),
+        Value::Array(list) => format!("a list of {} values", list.len()),
+        Value::Struct(_) => "a mapping".to_owned(),
+        _ => "a value of another type".to_owned(),
+    }
+}
+
 struct Reader<'a> {
     tree: &'a Tree,
     complaints: Vec<String>,
@@ -152,18 +165,19 @@ impl Reader<'_> {
         match self.tree.get(key) {
             Some(Value::Double(x)) if x.is_finite() => *target = *x,
             Some(Value::Integer(i)) => *target = f64::from(*i),
-            Some(other) => self.complaints.push(format!("{key}: expected a finite number, found {other:?}")),
+            Some(other) => self.complaints.push(format!("{key}: expected a finite number, found {}", words(other))),
             None => (),
         }
     }
 
-    /// `words`: what stands for false and for true.
-    fn choice(&mut self, key: &str, words: [&str; 2], target: &mut bool) {
+    /// `choices`: what stands for false and for true.
+    fn choice(&mut self, key: &str, choices: [&str; 2], target: &mut bool) {
         match self.tree.get(key) {
-            Some(Value::String(word)) if word == words[0] => *target = false,
-            Some(Value::String(word)) if word == words[1] => *target = true,
+            Some(Value::String(word)) if word == choices[0] => *target = false,
+            Some(Value::String(word)) if word == choices[1] => *target = true,
             Some(other) => {
-                self.complaints.push(format!("{key}: expected \"{}\" or \"{}\", found {other:?}", words[0], words[1]));
+                let [no, yes] = choices;
+                self.complaints.push(format!("{key}: expected \"{no}\" or \"{yes}\", found {}", words(other)));
             }
             None => (),
         }
@@ -173,7 +187,7 @@ impl Reader<'_> {
         match self.tree.get("parent_name") {
             Some(Value::String(name)) if !name.is_empty() => target.clone_from(name),
             Some(Value::String(_)) | None => (),
-            Some(other) => self.complaints.push(format!("parent_name: expected text, found {other:?}")),
+            Some(other) => self.complaints.push(format!("parent_name: expected text, found {}", words(other))),
         }
     }
 }
@@ -335,7 +349,8 @@ impl CloudTopics {
             }
             Some(other) => {
                 let (parameter, complaints) = (&self.parameter, &self.complaints);
-                complaints.report(format_args!("parameter {parameter}: expected a list of topics, found {other:?}"));
+                complaints
+                    .report(format_args!("parameter {parameter}: expected a list of topics, found {}", words(&other)));
             }
             None => (),
         }
@@ -502,6 +517,14 @@ mod tests {
         let mut copy = LightParameters::default();
         assert!(copy.update(&tree(light.values())).is_empty());
         assert_eq!(copy, light);
+    }
+
+    #[test]
+    fn values_are_said_as_they_were_written() {
+        let said = |value: Value| words(&value);
+        assert_eq!(said(Value::String("a".into())), "\"a\"");
+        assert_eq!((said(Value::Integer(3)), said(Value::Double(1e300))), ("3".into(), "1e300".into()));
+        assert_eq!(said(Value::Array(vec![Value::Boolean(true)])), "a list of 1 values");
     }
 
     #[test]

@@ -1,10 +1,10 @@
 //! What the command line says to nodes of ROS 2, `--ros-args … --`, as arguments of ROS 1 that mean the same.
 
 use std::ffi::OsString;
-use std::fs;
 use std::io;
 use std::path::PathBuf;
 
+use ambf_core::files;
 use saphyr_parser::{Event, Parser, ScanError};
 
 use crate::report::Level;
@@ -182,11 +182,7 @@ fn is_parameter(name: &str) -> bool {
 /// those of objects, which have their full names, of any node.
 fn parameters_in(file: &PathBuf) -> Result<Vec<(String, String)>, ArgumentError> {
     let error = |why| ArgumentError::File { file: file.clone(), why };
-    let length = fs::metadata(file).map_err(error)?.len();
-    if length > MAX_FILE {
-        return Err(error(io::Error::other(format!("it has {length} bytes, more than {MAX_FILE}"))));
-    }
-    let text = fs::read_to_string(file).map_err(error)?;
+    let text = files::read_text(file, MAX_FILE).map_err(error)?;
     let all = leaves(&text).map_err(|why| ArgumentError::Content { file: file.clone(), why })?;
     let mut parameters = Vec::new();
     for (path, value) in all {
@@ -311,7 +307,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("parameters.yaml");
         let read = |text: &str| {
-            fs::write(&file, text).unwrap();
+            std::fs::write(&file, text).unwrap();
             parameters_in(&file)
         };
         let text = "/**:\n  ros__parameters:\n    rate: 50\n    a: {b: text, c: true}\n    list: [/x, /y]\n\

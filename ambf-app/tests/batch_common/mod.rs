@@ -51,8 +51,13 @@ impl Folder {
     /// A run that takes more than 120 s of processor time, whatever else the machine does, is killed, which fails the
     /// test.
     pub fn run(&self, arguments: &str) -> Ran {
+        self.run_in_shell("exec \"$0\" \"$@\"", arguments)
+    }
+
+    /// The same by a command of the shell, in which `"$0" "$@"` is the program with its arguments.
+    pub fn run_in_shell(&self, command: &str, arguments: &str) -> Ran {
         let output = Command::new("sh")
-            .args(["-c", "ulimit -t 120 && exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_ambf_batch")])
+            .args(["-c", &format!("ulimit -t 120 && {command}"), env!("CARGO_BIN_EXE_ambf_batch")])
             .args(arguments.split_whitespace())
             .current_dir(self.0.path())
             .env("AMBF_RESOURCES", resources())
@@ -66,7 +71,16 @@ impl Folder {
         }
     }
 
-    /// The same; anything but success fails the test.
+    /// Names of all that is here.
+    pub fn names(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(self.0.path()).expect("a folder");
+        let name = |entry: std::io::Result<std::fs::DirEntry>| entry.expect("an entry").file_name();
+        let mut names: Vec<_> = entries.map(|entry| name(entry).into_string().expect("text")).collect();
+        names.sort();
+        names
+    }
+
+    /// [`run`](Self::run); anything but success fails the test.
     pub fn succeed(&self, arguments: &str) -> Ran {
         let ran = self.run(arguments);
         assert_eq!(ran.status, 0, "{arguments}: {ran:?}");

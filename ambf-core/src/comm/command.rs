@@ -1,3 +1,5 @@
+use std::fmt;
+
 use super::JointCommandType;
 use nalgebra::Vector3;
 
@@ -95,6 +97,67 @@ impl RigidBodyCommand {
     /// A pose of the body frame in the world, m; `orientation` is a quaternion `[x, y, z, w]`.
     pub fn pose(position: Vector3<f64>, orientation: [f64; 4]) -> Self {
         Self { cartesian: CartesianCommandType::Position, position, orientation, ..Self::default() }
+    }
+}
+
+impl RigidBodyCommand {
+    /// Whether it moves nothing: no force, and no joint command but efforts of 0.
+    pub fn is_idle(&self) -> bool {
+        let mut joints = self.joints();
+        let cartesian = match self.cartesian {
+            CartesianCommandType::Force => self.force == Vector3::zeros() && self.torque == Vector3::zeros(),
+            CartesianCommandType::Position | CartesianCommandType::Velocity => false,
+            CartesianCommandType::Unknown(_) => true,
+        };
+        cartesian && joints.all(|(_, kind, value)| kind == JointCommandType::Effort && value == 0.0)
+    }
+
+    /// Index, type and value of each joint command.
+    fn joints(&self) -> impl Iterator<Item = (usize, JointCommandType, f64)> + '_ {
+        let kinds = self.joint_command_types.iter().copied().chain(std::iter::repeat(JointCommandType::Effort));
+        self.joint_commands.iter().zip(kinds).enumerate().map(|(index, (&value, kind))| (index, kind, value))
+    }
+}
+
+/// Joint commands that are named; further ones are counted.
+const JOINTS_SHOWN: usize = 6;
+
+/// What it asks for, in words, in SI units and radians; efforts of 0 are left out.
+impl fmt::Display for RigidBodyCommand {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let vector = |v: &Vector3<f64>| format!("({:?}, {:?}, {:?})", v.x, v.y, v.z);
+        let mut parts = match self.cartesian {
+            _ if self.is_idle() => vec![String::from("nothing")],
+            CartesianCommandType::Force if self.force == Vector3::zeros() && self.torque == Vector3::zeros() => {
+                Vec::new()
+            }
+            CartesianCommandType::Force => {
+                vec![format!("force {} N, torque {} N·m", vector(&self.force), vector(&self.torque))]
+            }
+            CartesianCommandType::Position => {
+                let [x, y, z, w] = self.orientation;
+                vec![format!("position {} m, orientation ({x:?}, {y:?}, {z:?}, {w:?})", vector(&self.position))]
+            }
+            CartesianCommandType::Velocity => {
+                let (linear, angular) = (vector(&self.linear_velocity), vector(&self.angular_velocity));
+                vec![format!("velocity {linear} m/s, {angular} rad/s")]
+            }
+            CartesianCommandType::Unknown(_) => Vec::new(),
+        };
+        let mut joints = self.joints().filter(|(_, kind, value)| *kind != JointCommandType::Effort || *value != 0.0);
+        for (index, kind, value) in joints.by_ref().take(JOINTS_SHOWN) {
+            parts.push(match kind {
+                JointCommandType::Effort => format!("joint {index} effort {value:?}"),
+                JointCommandType::Position => format!("joint {index} position {value:?}"),
+                JointCommandType::Velocity => format!("joint {index} velocity {value:?}"),
+                JointCommandType::Unknown(other) => format!("joint {index} type {other}, which is none"),
+            });
+        }
+        let rest = joints.count();
+        if rest > 0 {
+            parts.push(format!("{rest} more joints"));
+        }
+        f.write_str(&parts.join(", "))
     }
 }
 
@@ -363,6 +426,26 @@ mod tests {
         assert_eq!(command.joint_commands, [0.0, 0.0]);
         assert_eq!(command.joint_command_types, [JointCommandType::Effort]);
         assert!(command.publish_joint_names);
+    }
+
+    #[test]
+    fn commands_are_said_in_words() {
+        let said = |command: &RigidBodyCommand| command.to_string();
+        assert_eq!(said(&RigidBodyCommand::default()), "nothing");
+        let velocity = RigidBodyCommand::velocity(Vector3::new(1e308, 0.0, -0.5), Vector3::zeros());
+        assert_eq!(said(&velocity), "velocity (1e308, 0.0, -0.5) m/s, (0.0, 0.0, 0.0) rad/s");
+        let joints = RigidBodyCommand {
+            joint_commands: vec![0.0, 0.3, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],
+            joint_command_types: vec![JointCommandType::Effort, JointCommandType::Position, JointCommandType::Velocity],
+            ..Default::default()
+        };
+        let expected = "joint 1 position 0.3, joint 2 velocity 2.0, joint 3 effort 1.0, joint 4 effort 1.0, \
+                        joint 5 effort 1.0, joint 6 effort 1.0, 2 more joints";
+        assert_eq!(said(&joints), expected);
+        let mut expired = RigidBodyCommand { force: Vector3::x(), ..joints };
+        assert!(!expired.is_idle());
+        expired.expire();
+        assert!(expired.is_idle());
     }
 
     #[test]

@@ -82,6 +82,7 @@ use crate::control::Profile;
 use crate::ids::{
     ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, ModelId, SensorId, SoftBodyId, Table, VehicleId, VolumeId,
 };
+use crate::text::one_line;
 
 /// How a scene is built, beside what its files say.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -118,7 +119,7 @@ pub struct Note {
 
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}: {}", self.source, self.severity, self.message)
+        f.write_str(&one_line(&format!("{}: {}: {}", self.source, self.severity, self.message)))
     }
 }
 
@@ -357,6 +358,17 @@ impl Scene {
             }));
         }
         objects
+    }
+
+    /// Whether anything was built of a model: an object, or a joint, which may hold bodies of others.
+    pub(crate) fn has_objects_of(&self, model: ModelId) -> bool {
+        let is_its = |list: &dyn ObjectList, index| {
+            let is_removed = self.is_removed(ObjectId { kind: list.object_type(), index });
+            !is_removed && list.identity(index).is_some_and(|identity| identity.model == model)
+        };
+        let lists = self.lists();
+        let has_object = lists.into_iter().any(|list| (0..list.count()).any(|index| is_its(list, index)));
+        has_object || self.joints.iter().any(|joint| joint.model == model && !joint.removed)
     }
 
     /// Where the commands of an object are taken and executed; `None` where they do nothing.

@@ -68,10 +68,10 @@ impl Backlog {
         self.wall = wall;
     }
 
-    /// It is `wall` s now, and just one period is due: what has passed does not count.
-    pub fn restart(&mut self, wall: f64) {
-        self.wall = wall;
+    /// It is `wall` s now, and just one period is due: what has passed, which this returns, does not count.
+    pub fn restart(&mut self, wall: f64) -> f64 {
         self.due = self.period;
+        wall - std::mem::replace(&mut self.wall, wall)
     }
 
     /// Takes the interval of the next iteration.

@@ -1,11 +1,12 @@
 //! What commands do, and the physics thread's end of the hub.
 
+use std::cmp::Reverse;
 use std::sync::Arc;
 
 use nalgebra::Vector3;
 
 use super::physics::Physics;
-use super::{LostState, Simulation};
+use super::{LostState, Nearness, Simulation};
 use crate::comm::{
     Activity, ActuatorCommand, Channel, Hub, HubIndex, HubObject, Inbox, JointCommandType, ObjectKind, ObjectList,
     Resets, RigidBodyCommand, Snapshot, SnapshotWriter, Timing, VehicleCommand, Wrench,
@@ -23,6 +24,22 @@ pub(super) struct Link {
     commanded: Vec<HubIndex>,
     /// Rank of each object in visiting order.
     rank: Vec<usize>,
+    arrivals: Arrivals,
+}
+
+/// When objects got their last commands.
+#[derive(Default)]
+struct Arrivals {
+    /// Number of the last one of each object; 0: it never had one.
+    of: Vec<u64>,
+    count: u64,
+}
+
+impl Arrivals {
+    fn note(&mut self, object: HubIndex) {
+        self.count += 1;
+        self.of[object.0] = self.count;
+    }
 }
 
 /// Commands in force for one object of the scene.
@@ -101,6 +118,7 @@ impl Link {
             slots: Vec::new(),
             commanded: Vec::new(),
             rank: Vec::new(),
+            arrivals: Arrivals::default(),
         };
         link.follow_scene(scene, wrenches);
         link
@@ -118,6 +136,7 @@ impl Link {
         let live = self.objects.entries().filter(|(_, object)| !object.is_removed());
         let mut order: Vec<HubIndex> = live.map(|(object, _)| object).collect();
         order.sort_by_cached_key(|&object| scene.visiting_key(self.objects[object].info.kind.object()));
+        self.arrivals.of.resize(self.objects.len(), 0);
         self.rank = vec![0; self.objects.len()];
         let live_count = order.len();
         for (rank, object) in order.into_iter().enumerate() {
@@ -144,6 +163,7 @@ impl Link {
     pub fn body_command(&mut self, object: HubIndex) -> Option<&mut RigidBodyCommand> {
         let Some(Slot::Body(_, inbox)) = self.slots.get_mut(object.0) else { return None };
         note_commanded(&mut self.commanded, &self.rank, object);
+        self.arrivals.note(object);
         Some(inbox.command_mut())
     }
 
@@ -152,22 +172,42 @@ impl Link {
         let Some(Slot::Other(commands)) = self.slots.get_mut(object.0) else { return None };
         let inbox = commands.inbox().downcast_mut::<Inbox<ActuatorCommand>>()?;
         note_commanded(&mut self.commanded, &self.rank, object);
+        self.arrivals.note(object);
         Some(inbox.command_mut())
     }
 
-    /// The last command of the body, in words; `None` if there was none.
-    pub fn last_command(&self, body: BodyId) -> Option<String> {
-        let slot = self.slots.iter().find_map(|slot| match slot {
-            Slot::Body(index, inbox) if *index == body => Some(inbox),
-            _ => None,
-        });
-        let command = slot.map(Inbox::command).filter(|command| **command != RigidBodyCommand::default())?;
-        Some(format!("{command:?}"))
+    /// The newest command to the nearest objects that were commanded, in words: what it asks for, and to whom it went.
+    /// `None` if there was none. `near` says how near bodies are, and with them the other objects of their models.
+    pub fn last_command(&self, near: &Table<BodyId, Nearness>, scene: &Scene) -> Option<String> {
+        let model_of =
+            |object: HubIndex| self.objects[object].info.kind.object().and_then(|object| scene.model_of(object));
+        let models: Vec<_> = (scene.bodies.iter().zip(near.iter()))
+            .filter(|(_, near)| **near < Nearness::Apart)
+            .map(|(body, _)| Some(body.identity.model))
+            .collect();
+        let nearness = |object: HubIndex| match self.slots[object.0] {
+            Slot::Body(body, _) => near[body],
+            _ if models.contains(&model_of(object)) => Nearness::SameModel,
+            _ => Nearness::Apart,
+        };
+        // A command that its watchdog has cleared, or that asks for nothing, is not what moves something.
+        let is_idle = |object: HubIndex| match &self.slots[object.0] {
+            Slot::Idle => true,
+            Slot::Body(_, inbox) => inbox.command().is_idle(),
+            Slot::Other(_) => false,
+        };
+        let order = |object: HubIndex| (nearness(object), is_idle(object), Reverse(self.arrivals.of[object.0]));
+        let newest = self.commanded.iter().copied().min_by_key(|&object| order(object))?;
+        let command = match &self.slots[newest.0] {
+            Slot::Body(_, inbox) => format!("{} ", inbox.command()),
+            _ => String::new(),
+        };
+        Some(format!("{command}to `{}`", self.objects[newest].info.identifier))
     }
 
     /// Takes what waits in the mailboxes.
     fn fetch(&mut self, scene: &mut Scene, notices: &mut Vec<String>) {
-        let Self { hub, objects, slots, commanded, rank, .. } = self;
+        let Self { hub, objects, slots, commanded, rank, arrivals, .. } = self;
         let order = hub.running_order();
         objects.take_pending(|object| {
             if objects[object].is_removed() {
@@ -175,6 +215,7 @@ impl Link {
             }
             if slots[object.0].fetch(&objects[object].channel, order, scene, notices) {
                 note_commanded(commanded, rank, object);
+                arrivals.note(object);
             }
         });
     }

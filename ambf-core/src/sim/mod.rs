@@ -5,7 +5,9 @@ mod commands;
 mod devices;
 mod history;
 mod iteration;
+mod losses;
 mod models;
+mod nearness;
 mod physics;
 mod plugins;
 mod runner;
@@ -19,7 +21,9 @@ mod window;
 
 pub use crate::bullet::StateError;
 pub use history::Timeline;
+pub use losses::LossCause;
 pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
+pub use nearness::Nearness;
 pub use runner::{Control, Event, Runner, RunnerOptions};
 pub use saved::SavedState;
 pub use slices::request_short_slices;
@@ -35,7 +39,7 @@ use thiserror::Error;
 
 use crate::bullet::{BodyHandle, EnergyLedger, PlausibleBounds, SolverStatistics, World};
 use crate::comm::{Hub, Snapshot, Wrench};
-use crate::ids::{BodyId, JointId, Table};
+use crate::ids::{BodyId, Table};
 use crate::plugin::run::Plugins;
 use crate::scene::Scene;
 use commands::Link;
@@ -61,7 +65,7 @@ pub struct LostState {
     pub joint: Option<String>,
     /// Iteration in which it was seen.
     pub step: u32,
-    /// The last command of the body.
+    /// The newest command of what is nearest to the body, and where it went; "none" without any.
     pub command: String,
 }
 
@@ -231,31 +235,20 @@ impl Simulation {
         };
         if let Some((handle, _)) = scene.world.soft_first_non_finite() {
             let soft = scene.soft_bodies.iter().find(|soft| soft.handle == handle);
-            return lost(soft.map(|soft| soft.identity.key()).unwrap_or_default(), Loss::NonFinite, None, None);
+            let command = soft.and_then(|soft| self.last_command(self.nearness_in_model(soft.identity.model)));
+            return lost(soft.map(|soft| soft.identity.key()).unwrap_or_default(), Loss::NonFinite, None, command);
         }
         let Some(id) = scene.world.first_lost(bounds).map(BodyId::new) else { return Ok(()) };
         let body = &scene.bodies[id];
         let holds = |joint: &&crate::scene::Joint| joint.parent == id || joint.child == id;
         let joint = scene.joints.iter().find(holds).map(|joint| joint.name.clone());
-        lost(body.identity.key(), Loss::of(&scene.world, body.handle, bounds), joint, self.last_command(id))
+        let command = self.last_command(self.nearness(id));
+        lost(body.identity.key(), Loss::of(&scene.world, body.handle, bounds), joint, command)
     }
 
-    /// The last command of a body through the hub, in words; else that of one of its joints.
-    fn last_command(&self, body: BodyId) -> Option<String> {
-        let link = self.link.as_ref()?;
-        self.commanders(body).find_map(|commander| {
-            let command = link.last_command(commander)?;
-            let whose = |text: String| format!("{text} to `{}`", self.physics.scene.bodies[commander].identity.key());
-            Some(if commander == body { command } else { whose(command) })
-        })
-    }
-
-    /// Bodies whose commands reach a body: itself, then those of whose active joints one holds it.
-    pub fn commanders(&self, body: BodyId) -> impl Iterator<Item = BodyId> + '_ {
-        let scene = &self.physics.scene;
-        let holds = move |&joint: &JointId| scene.joints[joint].parent == body || scene.joints[joint].child == body;
-        let others = scene.bodies.ids().filter(move |&other| other != body);
-        std::iter::once(body).chain(others.filter(move |&other| scene.active_joints(other).iter().any(holds)))
+    /// The newest command through the hub to the nearest objects that were commanded, in words.
+    fn last_command(&self, near: Table<BodyId, Nearness>) -> Option<String> {
+        self.link.as_ref()?.last_command(&near, &self.physics.scene)
     }
 
     /// Returns every rigid body to its initial pose at rest. Time goes on. If the state was lost, controllers forget

@@ -17,6 +17,9 @@ pub enum ModelError {
     /// Error when the file is of no use; with all problems in it.
     #[error("{0}")]
     Load(String),
+    /// Error when all that the file describes had to be dropped; with all problems, one line each.
+    #[error("nothing of the model could be built:\n{0}")]
+    Nothing(String),
     /// Error when no model, or more than one, has the name; also for the world's environment, which cannot be removed.
     #[error("there is no model `{name}` to remove: {why}")]
     Unknown {
@@ -64,7 +67,7 @@ impl Models {
     /// Reads a model file and adds what it describes. Waits for the physics thread; a paused simulation answers too.
     ///
     /// # Errors
-    /// [`ModelError::Load`], [`ModelError::NoAnswer`].
+    /// [`ModelError::Load`], [`ModelError::Nothing`], [`ModelError::NoAnswer`].
     pub fn add(&self, file: &Path) -> Result<AddedModel, ModelError> {
         let prepared = Box::new(PreparedModel::read(file).map_err(ModelError::Load)?);
         self.ask(|answer| Request::Add(prepared, answer))
@@ -121,7 +124,7 @@ impl Simulation {
             // An answer that nobody waits for any more is dropped.
             match request {
                 Request::Add(prepared, answer) => {
-                    let _ = answer.send(Ok(self.add_model(*prepared)));
+                    let _ = answer.send(self.add_model(*prepared));
                     changed = true;
                 }
                 Request::Remove(name, answer) => {
@@ -140,11 +143,19 @@ impl Simulation {
     }
 
     /// Builds a model into the scene. Objects of other models keep their state.
-    pub fn add_model(&mut self, mut prepared: PreparedModel) -> AddedModel {
+    ///
+    /// # Errors
+    /// [`ModelError::Nothing`]; the scene is as before.
+    pub fn add_model(&mut self, mut prepared: PreparedModel) -> Result<AddedModel, ModelError> {
         let mut report = std::mem::take(&mut prepared.report);
         let (index, notes) = self.physics.scene.add_model(prepared);
         let incomplete = report.errors() > 0 || notes.iter().any(|note: &Note| note.severity > Severity::Warning);
         report.notes.extend(notes);
+        if incomplete && !self.physics.scene.has_objects_of(index) {
+            self.physics.scene.remove_model(index);
+            self.grow();
+            return Err(ModelError::Nothing(report.to_string().trim_end().to_owned()));
+        }
         self.grow();
         if let Some(link) = &mut self.link {
             link.hub.add_objects(self.physics.scene.objects_of(|model| model == index));
@@ -155,7 +166,7 @@ impl Simulation {
         for problem in self.start_model_plugins(index) {
             report += &format!("{}{problem}", if report.is_empty() { "" } else { "\n" });
         }
-        AddedModel { key, report, incomplete }
+        Ok(AddedModel { key, report, incomplete })
     }
 
     /// Removes the model whose key is `name`, or the only one whose key holds `name`. Returns its key.

@@ -187,7 +187,7 @@ impl Simulation {
             for (plugin, command) in plugins.shared.posted() {
                 access.act_as(plugin);
                 if let Err(error) = access.execute(&command) {
-                    plugins.notices.push(format!("a command that a plugin left failed: {error}: {command:?}"));
+                    plugins.notices.push(format!("a command that a plugin left failed: {command}: {error}"));
                 }
             }
         });

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{bounded, Receiver, Sender};
 
 use super::backlog::{Backlog, Share};
+use super::losses::{processor_time, LossCause, Losses};
 use super::slices::request_short_slices;
 use super::statistics::StepStatistics;
 use super::{LostState, Simulation};
@@ -35,12 +36,14 @@ impl Default for RunnerOptions {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Event {
-    /// Simulated seconds lost to the sub-step cap since the last such event, and in all. At most one a second.
+    /// Simulated seconds that were not computed since the last such event, and in all. At most one a second.
     LostTime {
         /// Since the event before.
         recent: f64,
         /// Since the start.
         total: f64,
+        /// What most of the recent ones were lost to.
+        cause: LossCause,
     },
     /// The state was lost; the simulation is paused until it is reset.
     Lost(LostState),
@@ -123,8 +126,6 @@ pub struct Runner {
 const EVENTS: usize = 64;
 /// Periods that the loop may be behind and still catch up: what a preempted iteration costs on a busy computer.
 const MAX_LAG: u32 = 10;
-/// Lost time is reported at most this often.
-const REPORT_PERIOD: Duration = Duration::from_secs(1);
 /// How often a paused loop looks around.
 const PAUSED_PERIOD: Duration = Duration::from_millis(1);
 
@@ -182,8 +183,7 @@ struct PhysicsLoop {
     lost: bool,
     statistics: StepStatistics,
     throttle_counter: u32,
-    reported_loss: f64,
-    next_report: Duration,
+    losses: Losses,
 }
 
 impl PhysicsLoop {
@@ -201,8 +201,7 @@ impl PhysicsLoop {
             lost: false,
             statistics: StepStatistics::default(),
             throttle_counter: 0,
-            reported_loss: 0.0,
-            next_report: Duration::ZERO,
+            losses: Losses::default(),
         }
     }
 
@@ -250,15 +249,19 @@ impl PhysicsLoop {
         if interval <= 0.0 {
             return Ok(());
         }
-        let bullet_before = self.simulation.bullet_time();
+        let (bullet_before, processor_before) = (self.simulation.bullet_time(), processor_time());
         self.simulation.advance(interval)?;
+        self.report_loss(begin);
         let stepped = begin.elapsed();
         if self.simulation.is_held_by_clients() && self.simulation.sim_step() == 1 {
             // Held from the start: clients have to see what there is.
             self.publish(self.start.elapsed());
         }
+        let changing_before = self.losses.changing();
+        let held = Instant::now();
         self.hold_for_clients();
         let resumed = Instant::now();
+        self.losses.hold(resumed - held, changing_before);
         let (wall, timing) = (resumed - self.start, self.timing());
         self.simulation.exchange(|simulation| {
             simulation.publish(wall.as_secs_f64(), timing);
@@ -275,12 +278,13 @@ impl PhysicsLoop {
             let other = cost.saturating_sub(sub_steps);
             self.backlog.learn(self.simulation.physics.time.due, sub_steps.as_secs_f64(), other.as_secs_f64());
         }
-        self.report_loss(wall);
+        self.losses.compute(processor_time().saturating_sub(processor_before));
         Ok(())
     }
 
     /// Does the resets and changes that clients, plugins and windows asked for; true if there were any.
     fn serve_requests(&mut self) -> bool {
+        let begin = Instant::now();
         let reset = self.simulation.do_requested_resets();
         if reset {
             self.resume_after_reset();
@@ -288,6 +292,9 @@ impl PhysicsLoop {
         let changed = self.simulation.do_requested_changes();
         if changed {
             self.show_changes();
+        }
+        if reset || changed {
+            self.losses.change(begin.elapsed());
         }
         reset || changed
     }
@@ -327,7 +334,7 @@ impl PhysicsLoop {
         }
         let wall = (now - self.start).as_secs_f64();
         match std::mem::take(&mut self.was_paused) {
-            true => self.backlog.restart(wall),
+            true => self.losses.skip(self.backlog.restart(wall)),
             false => self.backlog.pass(wall, speed),
         }
         // A client that throttles counts iterations: one has to take all the time for which it was held.
@@ -397,12 +404,12 @@ impl PhysicsLoop {
         timing
     }
 
-    fn report_loss(&mut self, wall: Duration) {
+    /// Says what was lost until `now`, the beginning of this iteration, whose interval leaves it out.
+    fn report_loss(&mut self, now: Instant) {
         let total = self.simulation.lost_time();
-        if total > self.reported_loss && wall >= self.next_report {
-            self.tell(Event::LostTime { recent: total - self.reported_loss, total });
-            self.reported_loss = total;
-            self.next_report = wall + REPORT_PERIOD;
+        let wall = (now - self.start).as_secs_f64();
+        if let Some((recent, cause)) = self.losses.report(wall, total, self.control.speed()) {
+            self.tell(Event::LostTime { recent, total, cause });
         }
     }
 

@@ -268,7 +268,7 @@ fn models_that_come_and_go_bring_their_plugins_and_are_announced() {
     let mut simulation = stage.simulation(&world, &[]);
     stage.log.take();
     let guest = stage.write("guest.yaml", &pendulum("/g/", "g"));
-    let added = simulation.add_model(PreparedModel::read(&guest).unwrap());
+    let added = simulation.add_model(PreparedModel::read(&guest).unwrap()).expect("something is built");
     assert_eq!((added.report.as_str(), added.incomplete), ("", false));
     let notes = |sign: &str| {
         let mut lines = Vec::new();
@@ -294,7 +294,7 @@ fn models_that_come_and_go_bring_their_plugins_and_are_announced() {
     assert_eq!(stage.log.take(), gone);
     // The same in the places of the first.
     let places = simulation.scene().bodies.len();
-    let added = simulation.add_model(PreparedModel::read(&guest).unwrap());
+    let added = simulation.add_model(PreparedModel::read(&guest).unwrap()).expect("something is built");
     assert_eq!((added.report.as_str(), simulation.scene().bodies.len()), ("", places));
     assert_eq!(stage.log.take(), expected);
     simulation.remove_model("guest").unwrap();
@@ -462,7 +462,7 @@ fn volumes_keep_their_indices_when_models_come_and_go() {
     };
     let empty = stage.write("empty.yaml", "bodies: []\nnamespace: /e/\n");
     let add = |simulation: &mut Simulation, file: &Path| {
-        let added = simulation.add_model(PreparedModel::read(file).expect("a model"));
+        let added = simulation.add_model(PreparedModel::read(file).expect("a model")).expect("something is built");
         assert!(!added.incomplete, "{}", added.report);
         added.key
     };

@@ -195,7 +195,7 @@ fn of_a_model_added_at_run_time_only_its_own_bodies_move() {
     std::fs::write(&file, text).expect("written");
     let prepared = PreparedModel::read(&file);
     std::fs::remove_file(&file).expect("removed");
-    let added = bench.0.add_model(prepared.expect("a model"));
+    let added = bench.0.add_model(prepared.expect("a model")).expect("something is built");
     assert!(added.report.contains("1 body is displaced"), "{}", added.report);
     assert_eq!(bench.pose("Lower"), before);
     let tip = before * Point3::new(0.25, 0.0, 0.0);

@@ -5,7 +5,7 @@ use crate::physics_common::{load_texts, DT};
 use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use ambf_core::ids::BodyId;
 use ambf_core::scene::Loaded;
-use ambf_core::sim::{Loss, LostState, Simulation};
+use ambf_core::sim::{Loss, LostState, Nearness, Simulation};
 use nalgebra::Vector3;
 
 const PROFILES: [&str; 2] = ["legacy", "accurate"];
@@ -179,9 +179,10 @@ fn an_impossible_spring_is_survived_or_named() {
 fn a_loss_names_the_command_to_the_body_whose_joint_it_is() {
     let keys = ", controller: {P: 1e308, I: 0, D: 1e308}, controller output type: FORCE";
     let mut simulation = simulation("legacy", "", keys);
-    let commanders: Vec<_> = simulation.commanders(BodyId::new(1)).map(BodyId::index).collect();
-    assert_eq!(commanders, [1, 0], "the rod, and the post that has its joint");
-    assert_eq!(simulation.commanders(BodyId::new(2)).map(BodyId::index).collect::<Vec<_>>(), [2]);
+    use Nearness::{Connected, SameModel};
+    let near = |body| simulation.nearness(BodyId::new(body)).iter().copied().collect::<Vec<_>>();
+    assert_eq!(near(1), [Connected, Connected, SameModel], "the rod, and the post that has its joint");
+    assert_eq!(near(2), [SameModel, SameModel, Connected]);
     let hub = simulation.connect();
     let objects = hub.objects().clone();
     let (post, _) = objects.entries().find(|(_, object)| object.info.name.contains("Post")).expect("the post");
@@ -201,7 +202,55 @@ fn a_loss_names_the_command_to_the_body_whose_joint_it_is() {
         },
     );
     let lost = lost.expect("1e308 cannot last");
-    assert!(lost.contains("joint `J`") && lost.contains("Position") && lost.contains("BODY Post"), "{lost}");
+    assert!(
+        lost.contains("joint `J`") && lost.ends_with("last command: joint 0 position 1000.0 to `BODY Post`"),
+        "{lost}"
+    );
+}
+
+#[test]
+fn a_loss_names_the_newest_command_to_what_is_connected_however_far_along_the_chain() {
+    let link = |name: &str, x: f64, mass: f64| {
+        format!(
+            "BODY {name}: {{name: {name}, mass: {mass}, inertia: {{ix: 0.01, iy: 0.01, iz: 0.01}}, location: {{position: {{x: {x}, y: 0, z: 0}}}}, \
+             collision shape: Sphere, collision geometry: {{radius: 0.1}}}}\n"
+        )
+    };
+    let hinge = |name: &str, parent: &str, child: &str| {
+        format!(
+            "{name}: {{name: {name}, type: revolute, parent: BODY {parent}, child: BODY {child}, parent axis: {{x: 0, y: 1, z: 0}}, \
+             child axis: {{x: 0, y: 1, z: 0}}, parent pivot: {{x: 0.5, y: 0, z: 0}}, child pivot: {{x: -0.5, y: 0, z: 0}}}}\n"
+        )
+    };
+    // A chain of three on a table, and a second one on the same table.
+    let bodies = ["Table", "A", "B", "C", "Other"];
+    let chain: String =
+        (bodies.iter().enumerate()).map(|(i, name)| link(name, i as f64, f64::from(i.min(1) as u8))).collect();
+    let joints =
+        hinge("j0", "Table", "A") + &hinge("j1", "A", "B") + &hinge("j2", "B", "C") + &hinge("k", "Table", "Other");
+    let model =
+        format!("bodies: [BODY Table, BODY A, BODY B, BODY C, BODY Other]\njoints: [j0, j1, j2, k]\n{chain}{joints}");
+    let Loaded { scene, report } = load_texts("gravity: {x: 0, y: 0, z: 0}\nphysics: {profile: legacy}\n", &[&model]);
+    assert_eq!(report.errors(), 0, "{report}");
+    let mut simulation = Simulation::new(scene, DT);
+    let near = simulation.nearness(BodyId::new(1));
+    assert_eq!(near[BodyId::new(4)], Nearness::SameModel, "a table passes nothing on");
+    let hub = simulation.connect();
+    let post = |name: &str, force: f64| {
+        let objects = hub.objects().clone();
+        let (object, _) = objects.entries().find(|(_, object)| object.info.name == name).expect("a body");
+        let command = RigidBodyCommand::wrench(Vector3::new(0.0, 0.0, force), Vector3::zeros());
+        hub.post(object, &command).expect("it is finite");
+    };
+    post("A", 0.1);
+    simulation.iterate(DT).expect("a small force");
+    post("C", 1e300);
+    simulation.iterate(DT).expect("it acts in the next one");
+    post("Other", 0.2);
+    let lost = (0..10).find_map(|_| simulation.iterate(DT).err()).expect("1e300 N");
+    assert_eq!(lost.body, "BODY A", "the first of all that are lost");
+    // That used to be its own old command, or `none`.
+    assert_eq!(lost.command, "force (0.0, 0.0, 1e300) N, torque (0.0, 0.0, 0.0) N·m to `BODY C`");
 }
 
 /// [`SCENE`] in a world with these further keys of `physics`.

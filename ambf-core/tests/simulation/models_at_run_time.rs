@@ -55,7 +55,7 @@ fn a_guest_changes_nothing_for_the_others() {
     for step in 0..600 {
         match step {
             100 => {
-                let added = host.0.add_model(guest.read());
+                let added = host.0.add_model(guest.read()).expect("something is built");
                 assert_eq!((added.incomplete, added.report.as_str()), (false, ""));
                 assert_eq!(added.key, "/g/model.yaml");
             }
@@ -87,7 +87,7 @@ fn copies_get_suffixes_and_the_hub_follows() {
     let mut simulation = simulation(&[PENDULUM]);
     let hub = simulation.connect();
     let known = hub.objects().len();
-    let keys: Vec<_> = (0..2).map(|_| simulation.add_model(guest.read()).key).collect();
+    let keys: Vec<_> = (0..2).map(|_| simulation.add_model(guest.read()).expect("something is built").key).collect();
     assert_eq!(keys, ["/g/model.yaml", "/g/model.yaml1"]);
     assert_eq!(hub.objects().len(), known + 4);
     let names: Vec<_> = hub.objects().iter().skip(known).map(|object| object.info.name.clone()).collect();
@@ -105,7 +105,7 @@ fn copies_get_suffixes_and_the_hub_follows() {
     hub.post(first, &RigidBodyCommand { force: Vector3::x(), ..RigidBodyCommand::default() }).unwrap();
     simulation.update(DT).unwrap();
     // The name is free again.
-    assert_eq!(simulation.add_model(guest.read()).key, keys[0]);
+    assert_eq!(simulation.add_model(guest.read()).expect("something is built").key, keys[0]);
     let again = position_of(&hub, "/g/BODY Ball");
     assert!(again > first, "a position in the hub names one object for good");
     assert_eq!(body_at(again), body, "a place in the scene is used again");
@@ -120,7 +120,7 @@ fn nothing_is_kept_of_models_that_were_removed() {
     hub.set_listening();
     let mut descriptions = Vec::new();
     for _ in 0..50 {
-        let key = simulation.add_model(guest.read()).key;
+        let key = simulation.add_model(guest.read()).expect("something is built").key;
         let model = simulation.scene().models.iter().find(|model| !model.removed && model.key == key);
         let model = model.expect("it was added");
         assert_eq!((model.description.bodies.len(), model.description.sensors.len()), (1, 1));
@@ -181,7 +181,7 @@ fn models_that_take_the_places_of_others_are_themselves() {
         } else {
             let (name, file) = &kinds[below(2) as usize];
             let known = hub.objects().len();
-            let key = host.0.add_model(file.read()).key;
+            let key = host.0.add_model(file.read()).expect("something is built").key;
             let objects = hub.objects().clone();
             let new = objects.entries().skip(known).find(|(_, object)| object.info.name.starts_with(name));
             let (position, object) = new.expect("its body");
@@ -221,7 +221,7 @@ fn only_the_same_model_takes_the_places_of_a_removed_one() {
     let guest = File::new("same", GUEST);
     let mut simulation = simulation(&[PENDULUM]);
     let body_of = |simulation: &mut Simulation, file: &File| {
-        let key = simulation.add_model(file.read()).key;
+        let key = simulation.add_model(file.read()).expect("something is built").key;
         simulation.remove_model(&key).expect("it is there");
         let mut balls = simulation.scene().bodies.entries().filter(|(_, body)| &*body.identity.name == "Ball");
         balls.next_back().map(|(id, _)| id)
@@ -244,12 +244,12 @@ fn what_stood_on_a_removed_body_stays_gone() {
         E: {name: E, type: Proximity, parent: BODY Ball, array: [{offset: {x: 0, y: 0, z: 0}, direction: {x: 0, y: 0, z: -1}}]}\n";
     let mut simulation = simulation(&[PENDULUM]);
     let hub = simulation.connect();
-    simulation.add_model(guest.read());
-    simulation.add_model(File::new("eye", eye).read());
+    simulation.add_model(guest.read()).expect("something is built");
+    simulation.add_model(File::new("eye", eye).read()).expect("something is built");
     let eye = position_of(&hub, "/e/E");
     simulation.remove_model("/g/model.yaml").expect("it is there");
     assert!(hub.objects()[eye].is_removed());
-    simulation.add_model(guest.read());
+    simulation.add_model(guest.read()).expect("something is built");
     assert!(hub.objects()[eye].is_removed());
     let visuals = hub.visuals().expect("a scene");
     let eye = visuals.sensors.iter().find(|sensor| &*sensor.object.name == "E").expect("its place");
@@ -269,7 +269,7 @@ fn a_joint_between_other_models_goes_with_its_own() {
          child axis: {x: 0, y: 1, z: 0}}\n",
     );
     let mut bench = Bench::new(HEAVY, PENDULUM);
-    let added = bench.0.add_model(brace.read());
+    let added = bench.0.add_model(brace.read()).expect("something is built");
     assert!(!added.incomplete, "{}", added.report);
     bench.steps(200);
     assert!(bench.position("Arm").z.abs() < 0.01, "it is held");
@@ -286,7 +286,7 @@ fn what_leads_into_a_model_goes_with_it() {
                   A: {name: A, type: Constraint, parent: BODY Hand}\n\
                   C: {name: C, parent: BODY Ball, location: {x: 1, y: 0, z: 0}, look at: {x: 0, y: 0, z: 0}}\n";
     let mut simulation = simulation(&[holder]);
-    simulation.add_model(guest.read());
+    simulation.add_model(guest.read()).expect("something is built");
     let camera = |simulation: &Simulation| {
         let attached = &simulation.scene().cameras.iter().last().expect("a camera").attached;
         (attached.parent.is_some(), simulation.scene().global_pose(attached.parent, &attached.pose))
@@ -322,7 +322,7 @@ fn a_joint_to_another_model_goes_with_either() {
          child pivot: {x: 0, y: 0, z: 0}, parent axis: {x: 0, y: 1, z: 0}, child axis: {x: 0, y: 1, z: 0}}\n",
     );
     let mut bench = Bench::new(HEAVY, PENDULUM);
-    let added = bench.0.add_model(bridge.read());
+    let added = bench.0.add_model(bridge.read()).expect("something is built");
     assert!(added.report.contains("is taken from another model"), "{}", added.report);
     assert_eq!(bench.0.scene().active_joints(BodyId::new(0)).len(), 2);
     bench.steps(200);
@@ -343,8 +343,17 @@ fn what_cannot_be_removed_or_added_is_said() {
     assert!(PreparedModel::read(Path::new("no/such.yaml")).err().expect("an error").contains("no/such.yaml"));
     let soft = File::new("soft", "soft bodies: [F]\nF: {name: F, mass: 1, mesh: sheet.obj}\n");
     std::fs::write(soft.0.with_file_name("sheet.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
-    let added = simulation.add_model(soft.read());
-    assert!(added.incomplete && added.report.contains("began with one"), "{added:?}");
+    // It used to be added, with nothing in it.
+    let objects = simulation.scene().objects().len();
+    let error = simulation.add_model(soft.read()).expect_err("all of it is dropped").to_string();
+    assert!(error.starts_with("nothing of the model could be built:\n") && error.contains("began with one"), "{error}");
+    let body = File::new("body", "bodies: [B]\nB: {name: B, mass: -1}\n");
+    let error = simulation.add_model(body.read()).expect_err("all of it is dropped").to_string();
+    assert!(error.contains("model.yaml:2") && error.contains("`B"), "{error}");
+    assert_eq!(simulation.scene().objects().len(), objects);
+    let half = File::new("half", "bodies: [A, B]\nA: {name: A, mass: 0}\nB: {name: B, mass: -1}\n");
+    let added = simulation.add_model(half.read()).expect("A is built");
+    assert!(added.incomplete && added.report.contains("`B"), "{added:?}");
 }
 
 #[test]

@@ -151,7 +151,7 @@ fn states_belong_to_their_simulation_and_its_objects() {
     assert_eq!(run(&mut simulation, 0, 50), before);
 
     let guest = || PreparedModel::read(&resources().join("models/pendulum.yaml")).expect("a model");
-    let key = simulation.add_model(guest()).key;
+    let key = simulation.add_model(guest()).expect("something is built").key;
     assert_eq!(simulation.restore(&saved), Err(StateError::Changed));
     run(&mut simulation, 50, 100);
     let with_guest = simulation.save().expect("savable");
@@ -175,10 +175,10 @@ fn states_belong_to_their_simulation_and_its_objects() {
         std::fs::write(&file, text).expect("written");
         PreparedModel::read(&file).expect("a model")
     };
-    let key = simulation.add_model(camera("one")).key;
+    let key = simulation.add_model(camera("one")).expect("something is built").key;
     let with_camera = simulation.save().expect("savable");
     simulation.remove_model(&key).expect("it is there");
-    simulation.add_model(camera("other"));
+    simulation.add_model(camera("other")).expect("something is built");
     assert_eq!(simulation.restore(&with_camera), Err(StateError::Changed));
 }
 

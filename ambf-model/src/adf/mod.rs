@@ -30,8 +30,9 @@ mod volume;
 mod world;
 mod yaml;
 
-use std::io::Read;
 use std::path::Path;
+
+use crate::files;
 
 use normalise::normalise;
 pub use reader::is_version_key;
@@ -106,17 +107,7 @@ pub fn load<T: Description>(path: &Path) -> Result<(T, Report), LoadError> {
 
 /// Content of a file, at most one byte more than [`text_of`] takes.
 pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, LoadError> {
-    let unreadable = |source| LoadError::Unreadable { file: path.to_owned(), source };
-    // Asked for before opening: opening a named pipe would wait for its writer, for ever if there is none.
-    if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
-        return Err(unreadable(std::io::Error::new(std::io::ErrorKind::InvalidInput, "not a regular file")));
-    }
-    let file = std::fs::File::open(path).map_err(unreadable)?;
-    let mut bytes = Vec::new();
-    // Not by the length of the file, which some system files lack.
-    let limited = &mut file.take(MAX_BYTES + 1);
-    limited.read_to_end(&mut bytes).map_err(unreadable)?;
-    Ok(bytes)
+    files::read(path, MAX_BYTES).map_err(|source| LoadError::Unreadable { file: path.to_owned(), source })
 }
 
 /// Reads a text as [`load`] reads a file; `path` stands for its name.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::common::SourcePos;
+use crate::text::one_line;
 
 /// Problems that are kept per file; more are only counted.
 const MAX_PROBLEMS: usize = 10_000;
@@ -147,7 +148,7 @@ impl Problem {
 
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}: {}", self.source, self.severity, self.sentence())
+        f.write_str(&one_line(&format!("{}: {}: {}", self.source, self.severity, self.sentence())))
     }
 }
 
@@ -251,19 +252,12 @@ impl fmt::Display for Report {
                 writeln!(f, "{first}")?;
                 continue;
             }
-            write!(
-                f,
-                "{}: {}: {} × `{}` {}",
-                first.source.file.display(),
-                first.severity,
-                group.len(),
-                first.key,
-                first.what()
-            )?;
+            let (file, severity, n) = (first.source.file.display(), first.severity, group.len());
+            let mut line = format!("{file}: {severity}: {n} × `{}` {}", first.key, first.what());
             if !first.action.is_empty() {
-                write!(f, "; {}", first.action)?;
+                line += &format!("; {}", first.action);
             }
-            f.write_str(": lines ")?;
+            write!(f, "{}: lines ", one_line(&line))?;
             for (i, problem) in group.iter().take(LINES_SHOWN).enumerate() {
                 let comma = if i > 0 { ", " } else { "" };
                 write!(f, "{comma}{}", problem.source.line)?;

@@ -1,6 +1,6 @@
 //! Volumes: voxel data that is only drawn.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -8,6 +8,7 @@ use super::common::{Common, Material, ShaderProgram};
 use super::reader::{Map, Range};
 use super::report::ProblemKind;
 use super::values::{beside, Base};
+use crate::files::{look, Found};
 
 /// A volume as written.
 #[derive(Clone, Debug, PartialEq)]
@@ -93,11 +94,17 @@ impl ImageStack {
         widths.map(move |width| self.path.join(format!("{}{index:0width$}.{}", self.prefix, self.format)))
     }
 
-    /// The images that are there, in order; numbers without a file are skipped. At most `most` numbers are tried.
+    /// The images that are there, in order; numbers without one are skipped, and what is no file is listed, so that who
+    /// reads it says so. At most `most` numbers are tried.
     pub fn files(&self, most: u32) -> Vec<PathBuf> {
-        let is_file = |path: &PathBuf| Path::is_file(path);
         let indices = (0..=self.count).take(most as usize);
-        indices.filter_map(|index| self.candidates(index).find(is_file)).collect()
+        let named = |index| self.candidates(index).map(|path| (look(&path), path)).collect::<Vec<_>>();
+        let best = |found: Vec<(Found, PathBuf)>| {
+            let is_file = found.iter().position(|(found, _)| *found == Found::File);
+            let place = is_file.or_else(|| found.iter().position(|(found, _)| *found != Found::Nothing))?;
+            found.into_iter().nth(place).map(|(_, path)| path)
+        };
+        indices.filter_map(|index| best(named(index))).collect()
     }
 
     fn read(map: &Map<'_>) -> Option<Self> {

@@ -399,7 +399,7 @@ impl<'a> File<'a> {
             return malformed("has an unknown type".to_owned());
         };
         if !types.contains(kind) {
-            return malformed(format!("has the type {kind:?}, expected {}", listed(types)));
+            return malformed(format!("has the type {}, expected {}", type_name(kind), listed(types)));
         }
         let Some(view_index) = accessor.buffer_view.map(|view| view.value()) else {
             return malformed("has no buffer view".to_owned());
@@ -448,8 +448,9 @@ impl<'a> File<'a> {
         if let Some(indices) = &indices {
             use ComponentType::{U16, U32, U8};
             if !matches!(indices.component, U8 | U16 | U32) {
-                let message = format!("{what}: indices of type {:?}, expected U8, U16 or U32", indices.component);
-                return Err(self.malformed(message));
+                let found = indices.component.as_gl_enum();
+                let expected = "5121, 5123 or 5125 (unsigned numbers of 8, 16 or 32 bits)";
+                return Err(self.malformed(format!("{what}: indices of component type {found}, expected {expected}")));
             }
         }
         let corners = indices.as_ref().unwrap_or(&positions).count;
@@ -465,7 +466,20 @@ fn attribute(primitive: &Primitive, semantic: Semantic) -> Option<Index<Accessor
 }
 
 fn listed(types: &[Type]) -> String {
-    types.iter().map(|kind| format!("{kind:?}")).collect::<Vec<_>>().join(" or ")
+    types.iter().map(type_name).collect::<Vec<_>>().join(" or ")
+}
+
+/// As it is written in files.
+fn type_name(kind: &Type) -> &'static str {
+    match kind {
+        Type::Scalar => "SCALAR",
+        Type::Vec2 => "VEC2",
+        Type::Vec3 => "VEC3",
+        Type::Vec4 => "VEC4",
+        Type::Mat2 => "MAT2",
+        Type::Mat3 => "MAT3",
+        Type::Mat4 => "MAT4",
+    }
 }
 
 /// The sentence of an error, without the file's name where it has a place in it.

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::{quoted, Files, Position};
+use crate::files::Found;
 
 /// How a part of a mesh looks. Colours are red, green, blue, usually 0 to 1.
 #[derive(Debug, Clone, PartialEq)]
@@ -133,6 +134,7 @@ pub(super) fn find_texture(mesh: &Path, library: &Path, name: &str, files: &File
     // Files from Windows.
     let name = name.replace('\\', "/");
     let mut tried: Vec<PathBuf> = Vec::new();
+    let mut other = None;
     let folder = |file: &Path| file.parent().map_or_else(PathBuf::new, Path::to_path_buf);
     let alone = Path::new(&name).file_name().map(|name| folder(mesh).join(name));
     let places = [Some(folder(mesh).join(&name)), alone, Some(folder(library).join(&name))];
@@ -141,10 +143,19 @@ pub(super) fn find_texture(mesh: &Path, library: &Path, name: &str, files: &File
             continue;
         }
         // The system's functions do not take such names.
-        if !name.contains('\0') && (files.exists)(&place) {
-            return Ok(MeshTexture::File(place));
+        match if name.contains('\0') { Found::Nothing } else { (files.look)(&place) } {
+            Found::File => return Ok(MeshTexture::File(place)),
+            Found::Other(kind) => other = other.or(Some((place.clone(), kind))),
+            Found::Nothing => (),
         }
         tried.push(place);
+    }
+    if let Some((place, kind)) = other {
+        let place = quoted_path(&place);
+        return Err(format!(
+            "texture {}: {place} is {kind}, expected a file; the plain material is drawn",
+            quoted(&name)
+        ));
     }
     let tried: Vec<String> = tried.iter().take(3).map(|place| quoted_path(place)).collect();
     Err(format!(
@@ -338,9 +349,13 @@ mod tests {
 
     /// Reads a library for mesh `folder/m.obj`; only the files `there` exist.
     fn read(text: &str, there: &[&str]) -> (Vec<(String, MeshMaterial)>, Vec<String>) {
-        let exists = |path: &Path| there.iter().any(|file| Path::new(file) == path);
+        let look = |path: &Path| match there.iter().any(|file| Path::new(file) == path) {
+            true if path.ends_with("pipe.png") => Found::Other("a named pipe"),
+            true => Found::File,
+            false => Found::Nothing,
+        };
         let open = |path: &Path| Err(super::super::io_error(path, ErrorKind::NotFound.into()));
-        let files = Files { open: &open, exists: &exists };
+        let files = Files { open: &open, look: &look };
         let mut warnings = Warnings::default();
         let (mesh, library) = (Path::new("folder/m.obj"), Path::new("folder/lib/m.mtl"));
         let materials = read_library(text, &LibraryFile { mesh, library, files: &files }, Some(&mut warnings));
@@ -400,6 +415,10 @@ mod tests {
         let sentence = "texture 'a/none.png' is not there (looked for folder/a/none.png, folder/none.png, \
                         folder/lib/a/none.png); the plain material is drawn";
         assert!(warnings[5].ends_with(sentence), "{}", warnings[5]);
+        let (_, warnings) = read("newmtl a\nmap_Kd pipe.png\n", &["folder/lib/pipe.png"]);
+        let sentence =
+            "texture 'pipe.png': folder/lib/pipe.png is a named pipe, expected a file; the plain material is drawn";
+        assert!(warnings[0].ends_with(sentence), "it used to be not there: {}", warnings[0]);
         let (_, warnings) = read(&("newmtl a\n".to_owned() + &"d x\n".repeat(1000)), &[]);
         assert_eq!(warnings.len(), MAX_WARNINGS + 1);
         assert!(warnings[MAX_WARNINGS].ends_with("and 950 more such messages"));

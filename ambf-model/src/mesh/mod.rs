@@ -22,11 +22,12 @@ mod visual;
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::fmt;
-use std::fs::File;
-use std::io::{self, Read};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
+
+use crate::files::{self, Found};
 
 pub use cache::MeshCache;
 pub use material::{MeshMaterial, MeshTexture, MetallicRoughness};
@@ -133,7 +134,7 @@ pub enum MeshError {
         message: String,
     },
     /// Error when a coordinate is NaN or infinite, in the file or after scaling.
-    #[error("{}: vertex {vertex} is not finite: {value:?}", path.display())]
+    #[error("{}: vertex {vertex} is not finite: {}", path.display(), point(value))]
     NonFinite {
         /// The mesh file.
         path: PathBuf,
@@ -158,7 +159,7 @@ pub enum MeshError {
         limit: usize,
     },
     /// Error when a vertex is too far from the origin for the 32-bit numbers of a drawn mesh. It may still collide.
-    #[error("{}: a vertex at {value:?} is too far away to be drawn (limit {limit:e}); is the unit of the file right?", path.display())]
+    #[error("{}: a vertex at {} is too far away to be drawn (limit {limit:e}); is the unit of the file right?", path.display(), point(value))]
     TooFar {
         /// The mesh file.
         path: PathBuf,
@@ -223,11 +224,11 @@ pub fn load_with_sources(path: &Path, sources: &mut Sources) -> Result<Mesh, Mes
         named.borrow_mut().add(path);
         read_file(path)
     };
-    let exists = |path: &Path| {
+    let look = |path: &Path| {
         named.borrow_mut().add(path);
-        path.is_file()
+        files::look(path)
     };
-    not_empty(path, reader(path, bytes, &Files { open: &open, exists: &exists }, None)?)
+    not_empty(path, reader(path, bytes, &Files { open: &open, look: &look }, None)?)
 }
 
 /// Reads the content of a mesh file as [`load`] reads a file; `path` stands for its name. No file is opened: the
@@ -238,7 +239,7 @@ pub fn load_with_sources(path: &Path, sources: &mut Sources) -> Result<Mesh, Mes
 pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Mesh, MeshError> {
     let reader = reader_of(path)?;
     let open = |path: &Path| Err(io_error(path, io::ErrorKind::NotFound.into()));
-    not_empty(path, reader(path, checked_size(path, bytes)?, &Files { open: &open, exists: &|_| false }, None)?)
+    not_empty(path, reader(path, checked_size(path, bytes)?, &Files { open: &open, look: &|_| Found::Nothing }, None)?)
 }
 
 fn checked_size(path: &Path, bytes: Vec<u8>) -> Result<Vec<u8>, MeshError> {
@@ -252,11 +253,11 @@ fn checked_size(path: &Path, bytes: Vec<u8>) -> Result<Vec<u8>, MeshError> {
 struct Files<'a> {
     /// Reads one.
     open: &'a dyn Fn(&Path) -> Result<Vec<u8>, MeshError>,
-    /// Whether one is there.
-    exists: &'a dyn Fn(&Path) -> bool,
+    /// What is there.
+    look: &'a dyn Fn(&Path) -> Found,
 }
 
-const ON_DISK: Files<'static> = Files { open: &read_file, exists: &Path::is_file };
+const ON_DISK: Files<'static> = Files { open: &read_file, look: &files::look };
 
 /// Reads the mesh, and into the details, if wanted, how it looks: one for each sub-mesh.
 type Reader = fn(&Path, Vec<u8>, &Files, Option<&mut Details>) -> Result<Mesh, MeshError>;
@@ -287,19 +288,14 @@ fn io_error(path: &Path, source: io::Error) -> MeshError {
 
 /// Reads a regular file of bounded size.
 fn read_file(path: &Path) -> Result<Vec<u8>, MeshError> {
-    let io_error = |source| io_error(path, source);
-    // Asked for before opening: opening a named pipe would block.
-    let metadata = std::fs::metadata(path).map_err(io_error)?;
-    if !metadata.is_file() {
-        return Err(io_error(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file")));
+    let bytes = files::read(path, MAX_FILE_BYTES).map_err(|source| io_error(path, source))?;
+    match bytes.len() as u64 > MAX_FILE_BYTES {
+        true => Err(MeshError::TooLarge {
+            path: path.to_path_buf(),
+            bytes: std::fs::metadata(path).map_or(0, |found| found.len()),
+        }),
+        false => Ok(bytes),
     }
-    let mut bytes = Vec::new();
-    let mut file = File::open(path).map_err(io_error)?.take(MAX_FILE_BYTES + 1);
-    file.read_to_end(&mut bytes).map_err(io_error)?;
-    if bytes.len() as u64 > MAX_FILE_BYTES {
-        return Err(MeshError::TooLarge { path: path.to_path_buf(), bytes: metadata.len() });
-    }
-    Ok(bytes)
 }
 
 impl Mesh {
@@ -384,6 +380,11 @@ impl Welder {
         }
         self.sub_mesh
     }
+}
+
+/// Coordinates as they stand in a message.
+fn point([x, y, z]: &[f64; 3]) -> String {
+    format!("({x:?}, {y:?}, {z:?})")
 }
 
 /// A word of the file as it may stand in a message: printable and short.

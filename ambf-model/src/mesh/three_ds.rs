@@ -206,7 +206,9 @@ impl Cursor<'_> {
                 _ => continue,
             };
             if color.iter().any(|x| !x.is_finite()) {
-                return Err(self.malformed(format!("a colour of {color:?}")));
+                return Err(
+                    self.malformed(format!("a colour of ({}, {}, {}), expected numbers", color[0], color[1], color[2]))
+                );
             }
             return Ok(Some(color));
         }

@@ -9,6 +9,8 @@ use std::path::Path;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::material::{MeshMaterial, Warnings};
+use crate::files::Found;
+
 use super::{checked_size, io_error, not_empty, read_file, reader_of, Files, Mesh, MeshError, SubMesh, ON_DISK};
 
 /// Most triangles of a mesh that is drawn.
@@ -148,7 +150,7 @@ pub fn parse_visual(
         Some(bytes) => checked_size(path, bytes),
         None => Err(io_error(path, std::io::ErrorKind::NotFound.into())),
     };
-    let files = Files { open: &open, exists: &|path| named(path).is_some() };
+    let files = Files { open: &open, look: &|path| named(path).map_or(Found::Nothing, |_| Found::File) };
     let bytes = checked_size(path, bytes)?;
     both(path, bytes, &files, remove_duplicates).map(|(_, visual, messages)| (visual, messages))
 }

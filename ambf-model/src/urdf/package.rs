@@ -6,6 +6,8 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
+use crate::files;
+
 /// How deep packages are looked for below a folder of `ROS_PACKAGE_PATH`, and how many folders are looked at.
 const MAX_DEPTH: usize = 6;
 const MAX_FOLDERS: usize = 20_000;
@@ -144,11 +146,7 @@ fn index(roots: &[PathBuf]) -> HashMap<String, PathBuf> {
 /// The name in the `package.xml` of a folder.
 fn manifest_name(folder: &Path) -> Option<String> {
     let manifest = folder.join("package.xml");
-    let metadata = fs::metadata(&manifest).ok()?;
-    if !metadata.is_file() || metadata.len() > MAX_MANIFEST {
-        return None;
-    }
-    let text = fs::read_to_string(manifest).ok()?;
+    let text = files::read_text(&manifest, MAX_MANIFEST).ok()?;
     let (_, rest) = text.split_once("<name>")?;
     Some(rest.split_once("</name>")?.0.trim().to_owned())
 }

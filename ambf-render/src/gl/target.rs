@@ -61,8 +61,13 @@ impl Current<'_> {
             let code = gl.get_error();
             gl.bind_framebuffer(glow::FRAMEBUFFER, None);
             if status != glow::FRAMEBUFFER_COMPLETE || code != glow::NO_ERROR {
+                let what = match kind {
+                    TargetKind::Color(samples) => format!("colours with {samples} samples"),
+                    TargetKind::Flat(_) => "ids and depth".to_owned(),
+                    TargetKind::Shadow => "shadows".to_owned(),
+                };
                 return Err(RenderError::Gl(format!(
-                    "nothing can be drawn into {width} x {height} pixels ({kind:?}, status 0x{status:04x}, error 0x{code:04x})"
+                    "nothing can be drawn into {width} x {height} pixels ({what}, status 0x{status:04x}, error 0x{code:04x})"
                 )));
             }
             Ok(Target { framebuffer, _renderbuffers: renderbuffers, depth, width, height })

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use ambf_core::device::law::{GainChange, Quantity, RotationRule, Status};
@@ -13,7 +14,7 @@ use winit::window::Fullscreen;
 use super::{App, FullScreen};
 use crate::keys::{self, Action};
 use crate::record::{self, Video};
-use crate::Ended;
+use crate::{Ended, Said};
 
 /// How long a window manager may take to fill the screen, before it is done without one.
 const FULL_SCREEN_TIMEOUT: Duration = Duration::from_millis(400);
@@ -38,7 +39,16 @@ impl App {
         let finish = move || {
             let _ = done.send(video.finish());
         };
-        let _ = std::thread::Builder::new().name("video end".into()).spawn(finish);
+        match std::thread::Builder::new().name("video end".into()).spawn(finish) {
+            Ok(thread) => self.note_writer(thread),
+            Err(error) => self.pass_on(Said::failure(format!("the end of the video is not known: {error}"))),
+        }
+    }
+
+    /// Keeps a thread that completes a file, to be waited for at the end.
+    pub(super) fn note_writer(&mut self, thread: JoinHandle<()>) {
+        self.writers.retain(|writer| !writer.is_finished());
+        self.writers.push(thread);
     }
 
     pub(super) fn switch_video(&mut self, camera: CameraId) {
@@ -46,13 +56,13 @@ impl App {
             return self.finish_video();
         }
         let Some(window) = self.windows.iter().find(|window| window.camera == camera) else { return };
-        let file = record::free_name("mp4");
-        match Video::start(&file, window.size()) {
+        match Video::start(self.names.next("mp4"), window.size()) {
             Ok(video) => {
+                let line = format!("video begins: {}", video.file.display());
                 self.video = Some((camera, video));
-                self.tell(format!("video begins: {}", file.display()));
+                self.tell(line);
             }
-            Err(why) => self.tell(why),
+            Err(why) => self.pass_on(Said::failure(why)),
         }
     }
 

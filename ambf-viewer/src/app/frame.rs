@@ -139,7 +139,10 @@ impl App {
         self.draw_texts(window, &gl, size, visuals, snapshot, &plugins);
         if self.screenshot == Some(window.camera) {
             self.screenshot = None;
-            record::save(record::read(&gl, size), record::free_name("png"), self.news.0.clone());
+            let file = self.names.next("png");
+            if let Some(thread) = record::save(record::read(&gl, size), file, self.news.0.clone()) {
+                self.note_writer(thread);
+            }
         }
         self.film(window.camera, &gl, size);
         window.window.pre_present_notify();

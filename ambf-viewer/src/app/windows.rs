@@ -67,7 +67,7 @@ impl App {
         let monitors: Vec<MonitorHandle> = event_loop.available_monitors().collect();
         let (monitor, is_missing) = monitor_index(description.monitor, camera.index(), monitors.len());
         if is_missing {
-            (self.parts.say)(&format!(
+            self.say(&format!(
                 "camera {}: there is no monitor {}, only {}; its window opens on monitor {monitor}",
                 visuals.cameras[camera].object.name,
                 description.monitor.unwrap_or_default(),

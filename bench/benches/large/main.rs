@@ -409,7 +409,7 @@ fn changes(marks: &[usize]) -> Section {
     for done in 1..=marks.last().copied().unwrap_or(0) {
         let read = PreparedModel::read(&models.join("pendulum.yaml")).expect("a shipped model");
         costs.push(timed(|| {
-            let key = simulation.add_model(read).key;
+            let key = simulation.add_model(read).expect("something is built").key;
             update(&mut simulation, 1);
             simulation.remove_model(&key).expect("it is there");
             update(&mut simulation, 1);

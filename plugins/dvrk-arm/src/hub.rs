@@ -12,6 +12,7 @@ use ros_node::{Announcement, CallError, Link, LinkOptions, Node, NodeName, OwnMa
 use crate::arm::ArmError;
 use crate::dialect::Topics;
 use crate::inner::Inner;
+use crate::options::Say;
 use crate::pedals::{Pedal, Pedals};
 use crate::session::{subscribe, Session};
 use crate::wire;
@@ -177,8 +178,8 @@ impl PedalBoard {
 pub(crate) struct PedalBoards(Mutex<BTreeMap<Vec<String>, Arc<PedalBoard>>>);
 
 impl PedalBoards {
-    /// The pedals of those topics.
-    pub fn board(&self, key: BoardKey, link: &Link) -> Arc<PedalBoard> {
+    /// The pedals of those topics; what is wrong with their messages goes to `say`.
+    pub fn board(&self, key: BoardKey, link: &Link, say: &Say) -> Arc<PedalBoard> {
         let names = key.iter().map(|(topic, _)| topic.clone()).collect();
         let mut boards = self.0.lock();
         let board = boards.entry(names).or_insert_with(|| {
@@ -189,7 +190,8 @@ impl PedalBoards {
                     pedals.set(pedal, wire::button(kind, bytes)?);
                     Some(())
                 };
-                subscribe(topic.clone(), wire::BUTTON_TYPES, take, |text| eprintln!("ROS: {text}"))
+                let say = Arc::clone(say);
+                subscribe(topic.clone(), wire::BUTTON_TYPES, take, move |text| say(&format!("ROS: {text}")))
             };
             let subscriptions: Vec<_> = key.iter().map(listen).collect();
             link.add(subscriptions.iter().map(Arc::clone));

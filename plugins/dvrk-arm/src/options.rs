@@ -5,6 +5,7 @@ use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use ambf_device::text::lines;
 use ambf_device::{DeviceError, DeviceLog, Settings};
 use nalgebra::Isometry3;
 
@@ -58,7 +59,7 @@ impl Default for ArmOptions {
             frames: None,
             timeout: Duration::from_millis(200),
             motion: true,
-            say: Arc::new(|sentence| eprintln!("{sentence}")),
+            say: Arc::new(|sentence| eprintln!("{}", lines(sentence))),
         }
     }
 }

@@ -77,7 +77,7 @@ impl Session {
         };
         let wanted = pedal_topics(dialect, inner.names.root(dialect), inner.options.clutch_source, topics);
         if self.pedals.as_ref().is_none_or(|board| board.topics() != wanted) {
-            let board = boards.board(wanted, link);
+            let board = boards.board(wanted, link, &inner.options.say);
             inner.set_pedals(board.pedals());
             self.pedals = Some(board);
         }

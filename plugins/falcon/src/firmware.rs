@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use ambf_device::files::read;
 use thiserror::Error;
 
 use crate::link::{ftdi, Link};
@@ -59,7 +60,7 @@ pub(crate) struct Firmware(Vec<u8>);
 impl Firmware {
     /// Reads an image.
     pub fn read(path: &Path) -> Result<Self, FirmwareError> {
-        let bytes = std::fs::read(path)
+        let bytes = read(path, LONGEST as u64)
             .map_err(|error| FirmwareError::File { path: path.to_owned(), reason: error.to_string() })?;
         if bytes.is_empty() || bytes.len() > LONGEST {
             return Err(FirmwareError::Length { path: path.to_owned(), length: bytes.len() });

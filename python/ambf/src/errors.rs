@@ -2,6 +2,7 @@
 
 use ambf_core::bullet::StateError;
 use ambf_core::sim::LostState;
+use ambf_core::text::lines;
 use ambf_render::{NoSuchCamera, RenderError};
 use ambf_viewer::ViewerError;
 use pyo3::call::PyCallArgs;
@@ -14,18 +15,19 @@ fn raise<'py>(py: Python<'py>, class: &str, arguments: impl PyCallArgs<'py>) -> 
 
 /// Error when the scene can't be used; one sentence a problem, each with its place in a file.
 pub fn load(py: Python<'_>, problems: Vec<String>) -> PyErr {
+    let problems: Vec<String> = problems.iter().map(|problem| lines(problem).into_owned()).collect();
     raise(py, "LoadError", (problems,))
 }
 
 /// Error when a state became infinite or not a number.
 pub fn non_finite(py: Python<'_>, problem: &LostState) -> PyErr {
     let LostState { body, joint, step, command, .. } = problem;
-    raise(py, "NonFiniteError", (problem.to_string(), body, joint, step, command))
+    raise(py, "NonFiniteError", (lines(&problem.to_string()).into_owned(), body, joint, step, command))
 }
 
 /// Error when a command can't be used; nothing has moved.
 pub fn invalid_command(py: Python<'_>, message: String) -> PyErr {
-    raise(py, "InvalidCommand", (message,))
+    raise(py, "InvalidCommand", (lines(&message).into_owned(),))
 }
 
 /// Error when a closed simulation is used.
@@ -49,7 +51,7 @@ pub fn state(py: Python<'_>, problem: &StateError) -> PyErr {
 
 /// Error when there is no such camera, or several.
 pub fn camera(py: Python<'_>, problem: &NoSuchCamera) -> PyErr {
-    raise(py, "NotFoundError", (problem.to_string(),))
+    raise(py, "NotFoundError", (lines(&problem.to_string()).into_owned(),))
 }
 
 /// Error when nothing can be drawn; a size that cannot be is a `ValueError`.

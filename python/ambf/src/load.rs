@@ -7,6 +7,7 @@ use ambf_core::adf::{Launch, PhysicsProfile, PhysicsSettings};
 use ambf_core::plugin::{PluginSetup, Registry, Search};
 use ambf_core::scene::{load, shared_launch, Loaded, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::{Simulation, Stepper, DEFAULT_SUB_STEP};
+use ambf_core::text::has_entries;
 
 /// Which scene, and how it is simulated.
 pub struct Wanted {
@@ -94,7 +95,8 @@ fn files(wanted: &Wanted, launch: Option<&Launch>) -> Result<SceneFiles, Vec<Str
     let listed = launch.and_then(|launch| launch.multibody_configs.as_deref()).unwrap_or_default();
     let mut models = wanted.models.clone();
     for &index in &wanted.indexes {
-        let missing = || vec![format!("there is no model {index}: the launch file lists {}", listed.len())];
+        let missing =
+            || vec![format!("there is no model {index}: the launch file's list {}", has_entries(listed.len()))];
         models.push(listed.get(index).ok_or_else(missing)?.clone());
     }
     let world = wanted.world.clone().or_else(|| launch.and_then(|launch| launch.world_config.clone()));

@@ -1,5 +1,6 @@
 //! Many worlds at once, on threads that are kept.
 
+use std::collections::HashMap;
 use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::Arc;
 use std::time::Instant;
@@ -54,6 +55,13 @@ pub fn step_all(
     if let Counts::Each(steps) = &steps {
         if steps.len() != worlds.len() {
             let problem = format!("{} numbers of steps for {} simulations", steps.len(), worlds.len());
+            return Err(PyValueError::new_err(problem));
+        }
+    }
+    let mut places = HashMap::new();
+    for (index, world) in worlds.iter().enumerate() {
+        if let Some(first) = places.insert(world.as_ptr(), index) {
+            let problem = format!("simulations {first} and {index} are the same one: each can be given once");
             return Err(PyValueError::new_err(problem));
         }
     }

@@ -44,7 +44,7 @@ impl Windows {
             board: Arc::default(),
             hook: None,
             load_report,
-            say: Box::new(move |line| said.lock().push(line.to_owned())),
+            say: Box::new(move |line| said.lock().push(line.text.clone())),
         })?;
         let stop = Arc::<AtomicBool>::default();
         let own = Arc::clone(&stop);

@@ -10,6 +10,7 @@ use ambf_core::bullet::EnergyLedger;
 use ambf_core::comm::{ActuatorCommand, HubIndex, ObjectKind, Snapshot};
 use ambf_core::ids::{ActuatorId, SensorId};
 use ambf_core::sim::{LostState, Stepper, StepperState};
+use ambf_core::text;
 use ambf_render::camera_labels;
 use nalgebra::Isometry3;
 use numpy::{PyArray1, PyArrayMethods};
@@ -338,7 +339,7 @@ impl World {
 
     #[getter]
     fn warnings(&self) -> Vec<String> {
-        self.warnings.clone()
+        self.warnings.iter().map(|warning| text::lines(warning).into_owned()).collect()
     }
 
     #[getter]
@@ -569,7 +570,7 @@ impl World {
     fn notices(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let mut notices = self.with(py, |physics| physics.stepper.take_notices())?;
         notices.extend(self.drawing.take_messages());
-        Ok(notices)
+        Ok(notices.iter().map(|notice| text::lines(notice).into_owned()).collect())
     }
 
     #[getter]

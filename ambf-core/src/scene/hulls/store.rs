@@ -4,16 +4,13 @@
 //! number, the key (2), the number of hulls, for each hull its number of vertices and their coordinates, and a hash of
 //! everything before. What is not exactly so is not used.
 
-use std::fs;
-use std::io;
+use std::io::Write;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU32, Ordering};
-
-use thiserror::Error;
 
 use super::decompose::MAX_VERTICES;
 use super::{Fnv, Hull, Key};
 use crate::adf::ConvexDecomposition;
+use crate::files::{self, Output, WriteError};
 use crate::mesh::SubMesh;
 
 /// First word of a file: "AMBFHUL1".
@@ -24,14 +21,6 @@ const MAX_WORDS: usize = 5 + ConvexDecomposition::MAX_HULLS as usize * (1 + 3 * 
 
 /// How far a vertex may lie outside the bounding box of its mesh, as a share of the size of the box: rounding.
 const SLACK: f64 = 1e-9;
-
-/// Error when a file of the cache cannot be written.
-#[derive(Debug, Error)]
-#[error("{} cannot be written: {source}", path.display())]
-pub(super) struct StoreError {
-    path: PathBuf,
-    source: io::Error,
-}
 
 /// A folder with such files, which need not exist yet.
 pub(super) struct Store(PathBuf);
@@ -48,12 +37,10 @@ impl Store {
     /// The hulls that were kept under a key. `None`: there are none, or not such as `sub` could have.
     pub fn read(&self, key: Key, sub: &SubMesh) -> Option<Vec<Hull>> {
         let path = self.path(key);
-        // Reading from something that is no file may never end.
-        let found = fs::metadata(&path).ok().filter(fs::Metadata::is_file)?;
-        if found.len() > 8 * MAX_WORDS as u64 || found.len() % 8 != 0 {
+        let bytes = files::read(&path, 8 * MAX_WORDS as u64).ok()?;
+        if bytes.len() > 8 * MAX_WORDS {
             return None;
         }
-        let bytes = fs::read(&path).ok()?;
         let (words, rest) = bytes.as_chunks::<8>();
         let words: Vec<u64> = words.iter().map(|&word| u64::from_le_bytes(word)).collect();
         let hulls = rest.is_empty().then(|| parse(key, &words))??;
@@ -64,19 +51,11 @@ impl Store {
     ///
     /// # Errors
     /// When the folder or the file cannot be written.
-    pub fn write(&self, key: Key, hulls: &[Hull]) -> Result<(), StoreError> {
-        static COUNT: AtomicU32 = AtomicU32::new(0);
+    pub fn write(&self, key: Key, hulls: &[Hull]) -> Result<(), WriteError> {
         let path = self.path(key);
-        let number = COUNT.fetch_add(1, Ordering::Relaxed);
-        let unfinished = path.with_extension(format!("{}-{number}", std::process::id()));
-        let bytes: Vec<u8> = words_of(key, hulls).into_iter().flat_map(u64::to_le_bytes).collect();
-        let written = fs::create_dir_all(&self.0)
-            .and_then(|()| fs::write(&unfinished, bytes))
-            .and_then(|()| fs::rename(&unfinished, &path));
-        written.map_err(|source| {
-            // It may not be there.
-            let _ = fs::remove_file(&unfinished);
-            StoreError { path, source }
+        files::folder_for(&path)?;
+        Output::write_whole(&path, |out| {
+            words_of(key, hulls).into_iter().try_for_each(|word| out.write_all(&word.to_le_bytes()))
         })
     }
 }

@@ -305,7 +305,7 @@ fn looks_that_cannot_be_read_are_named_and_the_mesh_stays() {
     }
     let text = described("", "\"textures\":[]").replace(r#""NORMAL":2"#, r#""NORMAL":1"#);
     let (_, messages) = looks(text);
-    assert!(messages[0].contains("accessor 1 has the type Scalar, expected Vec3; NORMAL is not used"), "{messages:?}");
+    assert!(messages[0].contains("accessor 1 has the type SCALAR, expected VEC3; NORMAL is not used"), "{messages:?}");
 }
 
 #[test]
@@ -352,9 +352,9 @@ fn broken_files_are_refused_with_the_place() {
             (good.replace(";base64,", ",").into(), "buffer 0: a data URI must be encoded in base64"),
             (draft.json(r#""uri":"none.bin","#, &scene(TRIANGLES)).into(), "buffer 0: 'none.bin' cannot be read: "),
             (draft.json("", &scene(TRIANGLES)).into(), "buffer 0 has no uri, and there is no binary chunk for it"),
-            (good.replace("\"POSITION\":0", "\"POSITION\":1").into(), "accessor 1 has the type Scalar, expected Vec3"),
+            (good.replace("\"POSITION\":0", "\"POSITION\":1").into(), "accessor 1 has the type SCALAR, expected VEC3"),
             (good.replace("\"POSITION\":0", "\"POSITION\":7").into(), "accessor 7 does not exist: the file has 2"),
-            (good.replace("\"componentType\":5121", "\"componentType\":5120").into(), "indices of type I8"),
+            (good.replace("\"componentType\":5121", "\"componentType\":5120").into(), "indices of component type 5120, expected 5121, 5123 or 5125"),
             (good.replace("\"componentType\":5121", "\"componentType\":1").into(), "accessor 1 has an unknown type"),
             (good.replace("\"bufferView\":0,", "").into(), "accessor 0 has no buffer view"),
             (good.replace("\"byteOffset\":0", "\"byteStride\":4").into(), "elements of 12 bytes, buffer view 0 has one each 4"),

@@ -3,11 +3,16 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use ambf_model::files::read_text;
+use ambf_model::text::lines;
 use clap::{CommandFactory, Parser, ValueEnum};
 use dvrk_arm::{isometry, Dialect};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::{parse_dialect, Curve, FakeOptions, Hand, Machine, Motion, Script};
+
+/// Largest script that is read, bytes.
+const MAX_SCRIPT: u64 = 16 << 20;
 
 /// Grippers of hands on the curve, where no script moves them: the first time that they are closed switches forces on.
 const GRIPPERS: &str = "0 gripper 1\n1 gripper 0\n2 gripper 0\n3 gripper 1\n4 loop";
@@ -134,7 +139,7 @@ pub fn options(arguments: &Arguments) -> Result<FakeOptions, String> {
         (None, Moves::Still) => Script::default(),
         (Some(path), _) => {
             let name = path.display().to_string();
-            let text = std::fs::read_to_string(path).map_err(|error| format!("{name}: {error}"))?;
+            let text = read_text(path, MAX_SCRIPT).map_err(|error| format!("{name}: {error}"))?;
             Script::parse(&name, &text).map_err(|error| error.to_string())?
         }
     };
@@ -160,7 +165,7 @@ pub fn options(arguments: &Arguments) -> Result<FakeOptions, String> {
         zero_stamps: arguments.zero_stamps,
         present: arguments.start_after <= 0.0,
         embedded_master: arguments.start_master,
-        report: Arc::new(|line| eprintln!("{line}")),
+        report: Arc::new(|line| eprintln!("{}", lines(&line.to_string()))),
     })
 }
 

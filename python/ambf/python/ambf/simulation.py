@@ -454,7 +454,7 @@ def step_all(simulations: Sequence[Simulation], steps: Union[int, Sequence[int]]
 
     The calling thread steps simulations, too, and alone where that is measured to be no slower: single steps of small scenes, or cores
     that other programs use. `steps`: iterations, the same for all or one number each. Each does what it would do alone, to the last
-    bit. A simulation may not be given twice (BusyError). When some fail the others are stepped all the same, and the error of the
+    bit. A simulation may not be given twice (ValueError). When some fail the others are stepped all the same, and the error of the
     first is raised; `NonFiniteError.index` says which it is.
     """
     worlds = [simulation._world for simulation in simulations]
@@ -484,8 +484,11 @@ def _pixels(what: str, number: Optional[int]) -> Optional[int]:
 def _find(name: Union[str, int], names: Sequence[str], what: str) -> int:
     if not isinstance(name, str):
         if not 0 <= name < len(names):
-            raise NotFoundError(f"there is no number {name} of {len(names)} {what}")
+            listed = f"{len(names)} (0 to {len(names) - 1})" if names else "none"
+            raise NotFoundError(f"there is no number {name} of the {what}: there are {listed}")
         return int(name)
+    if not names:
+        raise NotFoundError(f'"{name}" is not there: there are no {what}')
     found = [index for index, other in enumerate(names) if other == name]
     found = found or [index for index, other in enumerate(names) if name in other]
     if len(found) != 1:

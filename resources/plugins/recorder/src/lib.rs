@@ -13,10 +13,10 @@
 //! force field: {centre: Magnet, radius: 0.5, force: 2}
 //! ```
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::PathBuf;
 
+use ambf_plugin::files;
 use ambf_plugin::{Host, InitContext, ObjectId, ObjectPlugin, ObjectType, Plugin, PluginError, View, WorldPlugin};
 use nalgebra::Vector3;
 
@@ -27,14 +27,11 @@ ambf_plugin::export_plugin! { object: Recorder, world: ForceField }
 struct Recorder {
     body: usize,
     every: u64,
-    output: Option<Output>,
-}
-
-struct Output {
+    /// `None` after the end, or when the disk was full.
+    file: Option<files::Output>,
     path: PathBuf,
-    file: BufWriter<File>,
     rows: u64,
-    host: Host,
+    host: Option<Host>,
 }
 
 impl Plugin for Recorder {
@@ -50,11 +47,11 @@ impl Plugin for Recorder {
                 _ => return Err(format!("`record / every` is `{text}`, expected a whole number, 1 or more").into()),
             },
         };
-        let path = context.directory().join(file);
-        let created = File::create(&path).map_err(|error| format!("{}: {error}", path.display()))?;
-        let mut output = Output { path, file: BufWriter::new(created), rows: 0, host: context.host() };
-        output.write(|file| writeln!(file, "step,time,x,y,z,qx,qy,qz,qw"));
-        self.output = Some(output);
+        self.path = context.directory().join(file);
+        self.host = Some(context.host());
+        // The file is there when the plugin is closed.
+        self.file = Some(files::Output::create(&self.path).map_err(|error| error.to_string())?);
+        self.write(|file| writeln!(file, "step,time,x,y,z,qx,qy,qz,qw"));
         self.record(&context.world);
         Ok(())
     }
@@ -66,35 +63,40 @@ impl Plugin for Recorder {
     }
 
     fn reset(&mut self, _world: &mut View<'_>) {
-        if let Some(output) = &mut self.output {
-            output.write(|file| writeln!(file, "# reset"));
-        }
+        self.write(|file| writeln!(file, "# reset"));
     }
 
     fn close(&mut self) {
-        if let Some(mut output) = self.output.take() {
-            output.write(|file| file.flush());
-            output.host.say(format!("{} rows are in {}", output.rows, output.path.display()));
+        let Some(file) = self.file.take() else { return };
+        match file.finish() {
+            Ok(()) => self.say(format!("{} rows are in {}", self.rows, self.path.display())),
+            Err(error) => self.say(error.to_string()),
         }
     }
 }
 
 impl Recorder {
     fn record(&mut self, world: &View<'_>) {
-        let (Some(output), Some(state)) = (&mut self.output, world.body(self.body)) else { return };
+        let Some(state) = world.body(self.body) else { return };
         let clock = world.clock();
         let (p, q) = (state.pose.translation, state.pose.rotation);
         let (step, time) = (clock.step, clock.sim_time);
-        output.write(|file| writeln!(file, "{step},{time},{},{},{},{},{},{},{}", p.x, p.y, p.z, q.i, q.j, q.k, q.w));
-        output.rows += 1;
+        self.write(|file| writeln!(file, "{step},{time},{},{},{},{},{},{},{}", p.x, p.y, p.z, q.i, q.j, q.k, q.w));
+        self.rows += 1;
     }
-}
 
-impl Output {
     /// A full disk ends the recording, not the simulation.
-    fn write(&mut self, write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>) {
-        if let Err(error) = write(&mut self.file) {
-            self.host.say(format!("{}: {error}", self.path.display()));
+    fn write(&mut self, write: impl FnOnce(&mut files::Output) -> std::io::Result<()>) {
+        let Some(file) = &mut self.file else { return };
+        if let Err(error) = file.add(write) {
+            self.file = None;
+            self.say(error.to_string());
+        }
+    }
+
+    fn say(&self, sentence: String) {
+        if let Some(host) = &self.host {
+            host.say(sentence);
         }
     }
 }

@@ -1,38 +1,49 @@
 //! `fake_dvrk`: a ROS node that behaves like that of a da Vinci Research Kit, without a robot.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use ambf_model::files::{print, Output};
+use ambf_model::text::lines;
 use clap::Parser;
 use fake_dvrk::cli::{options, Arguments};
-use fake_dvrk::Fake;
+use fake_dvrk::{Fake, FakeOptions};
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
-    match run(&arguments) {
+    let ended = match Arguments::try_parse() {
+        Err(error) if error.use_stderr() => error.exit(),
+        // A help that is read by nobody any more is not worth a word.
+        Err(help) => {
+            print(&help.to_string()).or_else(|error| if error.is_unread() { Ok(()) } else { Err(error.to_string()) })
+        }
+        Ok(arguments) => run(&arguments),
+    };
+    match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("fake_dvrk: {error}");
+            eprintln!("fake_dvrk: {}", lines(&error));
             ExitCode::FAILURE
         }
     }
 }
 
+/// The file of wrenches is there when the fake ends.
 fn run(arguments: &Arguments) -> Result<(), String> {
     let options = options(arguments)?;
-    let mut file = match &arguments.wrenches {
-        None => None,
-        Some(path) => {
-            let complain = |error| format!("{}: {error}", path.display());
-            let mut file = BufWriter::new(File::create(path).map_err(complain)?);
-            writeln!(file, "time_s,arm,fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm").map_err(complain)?;
-            Some((file, path))
-        }
-    };
+    let mut file = arguments.wrenches.as_deref().map(Output::create).transpose().map_err(|error| error.to_string())?;
+    let outcome = serve(arguments, options, file.as_mut());
+    let written = file.map_or(Ok(()), Output::finish).map_err(|error| error.to_string());
+    outcome.and(written)
+}
+
+fn serve(arguments: &Arguments, options: FakeOptions, mut file: Option<&mut Output>) -> Result<(), String> {
+    if let Some(file) = &mut file {
+        let heading = "time_s,arm,fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm";
+        file.add(|file| writeln!(file, "{heading}")).map_err(|error| error.to_string())?;
+    }
     let interrupted = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&interrupted);
     ctrlc::set_handler(move || flag.store(true, Ordering::Release)).map_err(|error| error.to_string())?;
@@ -54,17 +65,19 @@ fn run(arguments: &Arguments) -> Result<(), String> {
             present = true;
             fake.start_node();
         }
-        if let Some((file, path)) = &mut file {
-            let complain = |error| format!("{}: {error}", path.display());
-            for arm in &arguments.arms {
-                for shown in fake.fresh_wrenches(arm) {
-                    let t = shown.at.saturating_duration_since(begin).as_secs_f64();
-                    let (f, m) = (shown.wrench.force, shown.wrench.torque);
-                    let row = [f.x, f.y, f.z, m.x, m.y, m.z].map(|x| x.to_string()).join(",");
-                    writeln!(file, "{t:.6},{arm},{row}").map_err(complain)?;
+        if let Some(file) = &mut file {
+            let rows = |file: &mut Output| {
+                for arm in &arguments.arms {
+                    for shown in fake.fresh_wrenches(arm) {
+                        let t = shown.at.saturating_duration_since(begin).as_secs_f64();
+                        let (f, m) = (shown.wrench.force, shown.wrench.torque);
+                        let row = [f.x, f.y, f.z, m.x, m.y, m.z].map(|x| x.to_string()).join(",");
+                        writeln!(file, "{t:.6},{arm},{row}")?;
+                    }
                 }
-            }
-            file.flush().map_err(complain)?;
+                Ok(())
+            };
+            file.add(rows).map_err(|error| error.to_string())?;
         }
         let elapsed = said.elapsed().as_secs_f64();
         if !arguments.quiet && elapsed >= 1.0 {
@@ -82,8 +95,11 @@ fn run(arguments: &Arguments) -> Result<(), String> {
                 line += &format!("  {arm}: {:4.0} wrenches/s, {force:.2} N", (new - *count) as f64 / elapsed);
                 *count = new;
             }
-            // Nobody need read.
-            let _ = writeln!(std::io::stdout(), "{line}");
+            match print(&format!("{line}\n")) {
+                // Nobody need read.
+                Err(error) if !error.is_unread() => return Err(error.to_string()),
+                _ => (),
+            }
         }
         if last {
             return Ok(());

@@ -7,9 +7,12 @@ use std::sync::Arc;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use ambf_device::files::{close_output, print, WriteError};
+use ambf_device::text::lines;
 use ambf_device::{DeviceError, DeviceForce, DeviceLog, Driver, InputDevice, Setting, Settings};
 use falcon::{State, Status, MODEL};
 use nalgebra::Vector3;
+use thiserror::Error;
 
 const HELP: &str = "\
 falcon_info: shows Novint Falcons
@@ -77,25 +80,40 @@ fn push(text: &str) -> Result<Vector3<f64>, String> {
 
 fn main() {
     let options = Options::parse(std::env::args().skip(1)).unwrap_or_else(|text| {
-        eprintln!("{}", text.trim_end());
+        eprintln!("{}", lines(text.trim_end()));
         exit(2);
     });
-    if let Err(error) = show(&options) {
-        eprintln!("{error}");
-        exit(1);
+    match show(&options) {
+        // Who has seen enough ends this, with the motors at rest.
+        Err(InfoError::Print(error)) if error.is_unread() => (),
+        Err(error) => {
+            eprintln!("{}", lines(&error.to_string()));
+            exit(1);
+        }
+        Ok(()) => (),
     }
 }
 
-fn show(options: &Options) -> Result<(), DeviceError> {
+/// Why nothing more is shown.
+#[derive(Debug, Error)]
+enum InfoError {
+    /// Error when the device does not work.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+    /// Error when what is shown does not arrive.
+    #[error(transparent)]
+    Print(#[from] WriteError),
+}
+
+fn show(options: &Options) -> Result<(), InfoError> {
     let settings = Settings::new(options.settings.clone(), std::path::PathBuf::new());
     let driver = fake_falcon::driver();
     let found = driver.find(MODEL, &settings)?;
     for info in &found {
-        println!("{} {}", info.model, info.identity);
+        print(&format!("{} {}\n", info.model, info.identity))?;
     }
     let Some(info) = found.first() else {
-        println!("No Falcon. Is it plugged in and switched on? `lsusb -d 0403:cb48` should show it.");
-        return Ok(());
+        return Ok(print("No Falcon. Is it plugged in and switched on? `lsusb -d 0403:cb48` should show it.\n")?);
     };
     if !options.watch {
         return Ok(());
@@ -112,7 +130,7 @@ fn show(options: &Options) -> Result<(), DeviceError> {
     let mut last = (begin, 0);
     while !stop.load(Ordering::Relaxed) && options.seconds.is_none_or(|end| begin.elapsed().as_secs_f64() < end) {
         for sentence in sentences.try_iter() {
-            println!("{sentence}");
+            print(&format!("{sentence}\n"))?;
         }
         if options.push != Vector3::zeros() {
             device.write(&force)?;
@@ -121,13 +139,13 @@ fn show(options: &Options) -> Result<(), DeviceError> {
         if last.0.elapsed() > Duration::from_millis(200) {
             let status = device.status();
             let rate = (status.exchanges - last.1) as f64 / last.0.elapsed().as_secs_f64();
-            println!("{}", line(&status, rate));
+            print(&format!("{}\n", line(&status, rate)))?;
             last = (Instant::now(), status.exchanges);
         }
         sleep(Duration::from_millis(10));
     }
     device.close();
-    Ok(())
+    Ok(close_output()?)
 }
 
 fn line(status: &Status, rate: f64) -> String {
