@@ -41,6 +41,8 @@ typedef struct AmbSolverStatistics {
   /* Sub-steps that were divided because jointed bodies turn fast. */
   unsigned long long divided_sub_steps;
   unsigned long long rows, factorisations, pivots, sweeps;
+  /* Multiplications of all solutions, of velocities and of positions: what the budget counts. */
+  double multiplications;
   /* Largest violation of complementarity of a solution, m/s or rad/s. */
   double residual;
   /* Largest position error along (m) or about (rad) one axis of a joint that is a constraint. Joints of articulations
@@ -55,6 +57,10 @@ void amb_world_take_statistics(AmbWorld *world, AmbSolverStatistics *out);
 /* Largest angular velocity of a body on which constraints act, without those that are joints of articulations, rad/s, or
    half of what was returned for the last sub-step, if that is more. To be called once before each sub-step. */
 double amb_world_jointed_turn_rate(AmbWorld *world);
+/* To be called before each part of a sub-step but the first: the sub-step then has one budget, and goes on with it. Returns
+   whether it is to be divided further: 0 where the parts so far have used up the budget; all that is left of the sub-step
+   is then to be the last part. */
+int amb_world_continue_sub_step(AmbWorld *world);
 /* Counts a sub-step that is divided. */
 void amb_world_count_division(AmbWorld *world);
 /* Sets the functions of the solver of mixed linear complementarity problems (AmbMlcpTable of ambf_mlcp.h). To be called

@@ -54,7 +54,11 @@ class AccurateSolver : public Base {
   void prepareSolve(int bodies, int manifolds) override {
     Base::prepareSolve(bodies, manifolds);
     ++sub_step_;
-    shared_budget_ = std::min(shared_budget_, settings_.max_saved_budget) + settings_.base_budget;
+    if (!settings_.is_continued) {
+      shared_budget_ = std::min(shared_budget_, settings_.max_saved_budget) + settings_.base_budget;
+      settings_.work = settings_.budget = 0;
+    }
+    part_budget_ = settings_.base_budget;
     contacts_.begin();
   }
 
@@ -871,6 +875,8 @@ class AccurateSolver : public Base {
   bool solve(const btContactSolverInfo &info, bool is_small) {
     AmbSolverStatistics &seen = settings_.statistics;
     const double budget = settings_.budget_per_row * row_count_ + settings_.base_budget;
+    part_budget_ += settings_.budget_per_row * row_count_;
+    settings_.budget = std::max(settings_.budget, part_budget_);
     if (is_at_rest_) {
       clear_impulses();
       ++seen.islands_solved;
@@ -935,18 +941,28 @@ class AccurateSolver : public Base {
            row.m_relpos2CrossNormal.dot(b.internalGetDeltaAngularVelocity());
   }
 
-  // Solves the velocity problem, again with softer drives while these open joints.
+  // Counts the last solution. Returns what it was.
+  AmbMlcpStatistics count_solution() {
+    AmbMlcpStatistics found;
+    mlcp_table->statistics(mlcp_, &found);
+    settings_.statistics.multiplications += found.multiplications;
+    settings_.work += found.multiplications;
+    return found;
+  }
+
+  // Solves the velocity problem, again with softer drives while these open joints and the budget lasts.
   int solve_velocities(double h, double budget) {
     AmbSolverStatistics &seen = settings_.statistics;
     AmbBody *const first = first_body(), *const island = has_drives_ ? first : nullptr;
     if (first) mlcp_table->set_guess_tolerance(mlcp_, first->guess_tolerance);
     double yielding = island ? island->drive_yielding : 0, unyielding = BT_LARGE_FLOAT;
     bool may_yield = island && DriveYielding::is_allowed(island->drives_yielded_in_vain, sub_step_);
+    budget += shared_budget_;
     for (bool is_first = true;; is_first = false) {
-      const int outcome = mlcp_table->solve(mlcp_, yielding, budget + shared_budget_);
-      AmbMlcpStatistics found;
-      mlcp_table->statistics(mlcp_, &found);
-      shared_budget_ = std::max(shared_budget_ + budget - found.multiplications, 0.0);
+      const int outcome = mlcp_table->solve(mlcp_, yielding, budget);
+      const AmbMlcpStatistics found = count_solution();
+      budget = std::max(budget - found.multiplications, 0.0);
+      may_yield = may_yield && budget > 0;
       seen.rows += found.rows;
       seen.factorisations += found.factorisations;
       seen.pivots += found.pivots;
@@ -962,6 +978,7 @@ class AccurateSolver : public Base {
         island->drives_yielded_in_vain = sub_step_;
       } else {
         seen.residual = std::max(seen.residual, found.residual);
+        shared_budget_ = budget;
         if (first) first->guess_tolerance = found.guess_tolerance;
         if (island) island->drive_yielding = is_first ? DriveYielding::lowered(yielding, opened) : yielding;
         return outcome;
@@ -997,13 +1014,14 @@ class AccurateSolver : public Base {
       if (mlcp_table->solve_positions(mlcp_, nullptr, positions_.states(), LEAST_POSITION_SOFTNESS, damping,
                                       yielding, springs_yield(share) ? yielding : 1, budget) == AMB_MLCP_NOT_FINITE)
         return;
+      budget -= count_solution().multiplications;
       left = mlcp_table->position_errors(mlcp_);
       length = find_correction_length(info.m_timeStep);
       const bool is_long =
           length > LONG_CORRECTION && damping < MOST_DAMPING_OF_LONG_CORRECTIONS && round < MOST_ROUNDS;
       const bool contradicts = may_yield(state, sub_step_) && positions_.contradict_joints(left, share);
       if (!contradicts && round == 0) yielding = std::max(1.0, yielding * YIELDING_LOWERED);
-      if (!(is_long || contradicts)) break;
+      if (!(is_long || contradicts) || budget <= 0) break;
       if (is_long) damping = std::min(damping * RAISED_DAMPING, MOST_DAMPING_OF_LONG_CORRECTIONS);
       if (!contradicts) continue;
       if (yielding < MOST_YIELDING) {
@@ -1154,6 +1172,8 @@ class AccurateSolver : public Base {
   // Budget that all islands of the sub-step share, multiplications: the base budget, and what earlier solutions have not
   // used, because expensive problems, such as impacts, are rare.
   double shared_budget_ = 0;
+  // Budget of the islands of this part of the sub-step so far.
+  double part_budget_ = 0;
   double jacobians_[2][6], responses_[2][6];
   Vector<JointError> joint_errors_;
   Vector<Normal> normals_;

@@ -62,6 +62,22 @@ ArticulatedWorld::ArticulatedWorld(MotionClock &clock, btDispatcher *dispatcher,
 // Articulations add the gravity of their links themselves.
 void ArticulatedWorld::applyGravity() { btDiscreteDynamicsWorld::applyGravity(); }
 
+void ArticulatedWorld::addMultiBody(btMultiBody *body, int group, int mask) {
+  multi_body_places.add(body, m_multiBodies.size());
+  LazyWorld::addMultiBody(body, group, mask);
+}
+
+void ArticulatedWorld::removeMultiBody(btMultiBody *body) { multi_body_places.remove(m_multiBodies, body); }
+
+void ArticulatedWorld::addMultiBodyConstraint(btMultiBodyConstraint *constraint) {
+  multi_body_constraint_places.add(constraint, m_multiBodyConstraints.size());
+  LazyWorld::addMultiBodyConstraint(constraint);
+}
+
+void ArticulatedWorld::removeMultiBodyConstraint(btMultiBodyConstraint *constraint) {
+  multi_body_constraint_places.remove(m_multiBodyConstraints, constraint);
+}
+
 void ArticulatedWorld::clearForces() {
   btDiscreteDynamicsWorld::clearForces();
   for (AmbArticulation *articulation : articulations) articulation->clear_forces();
@@ -138,8 +154,6 @@ void add_external_constraint(AmbWorld &world, AmbConstraint &constraint) {
   for (AmbBody *body : {&a, &b}) {
     if (!body->articulation) continue;
     ++body->articulation->external_constraint_count;
-    AmbBody *other = body == &a ? &b : &a;
-    if (constraint.disables_collision) body->articulation->members[body->member].collider->ignored.push_back(other);
   }
   world.articulated->addMultiBodyConstraint(constraint.external_rows.get());
   world.articulated->external_constraints.push_back(&constraint);
@@ -154,13 +168,6 @@ void remove_external_constraint(AmbWorld &world, AmbConstraint &constraint) {
   for (AmbBody *body : {&first_of(constraint), &second_of(constraint)}) {
     if (!body->articulation) continue;
     --body->articulation->external_constraint_count;
-    const AmbObject *other = body == &first_of(constraint) ? &second_of(constraint) : &first_of(constraint);
-    auto &ignored = body->articulation->members[body->member].collider->ignored;
-    for (size_t i = ignored.size(); constraint.disables_collision && i-- > 0;) {
-      if (ignored[i] != other) continue;
-      ignored.erase(ignored.begin() + i);
-      break;
-    }
   }
   constraint.external_rows.reset();
 }

@@ -107,35 +107,53 @@ bool fits(AmbConstraint &joint) {
   return gap.length() < MAX_INITIAL_GAP && angle < MAX_INITIAL_ANGLE;
 }
 
-bool can_collide(const AmbBody &body) {
-  const btCollisionShape &shape = *body.shape->shape;
-  if (shape.isCompound()) return static_cast<const btCompoundShape &>(shape).getNumChildShapes() > 0;
-  return shape.getShapeType() != EMPTY_SHAPE_PROXYTYPE;
-}
-
 // Largest number of coordinates between the base and a link that can collide. The row of a contact has an entry for each:
 // longer ropes in contact cost more than as constraints, whose rows have entries for two bodies.
 constexpr int MAX_CONTACT_PATH = 100;
 
-// Whether contacts with links of such a tree are affordable.
-bool has_short_contact_paths(const AmbBody &base, AmbConstraint *const *joints, int n) {
+// Largest number of coordinates of a tree: btMultiBody has a matrix of all of them, and the row of a limit an entry for
+// each.
+constexpr int MAX_COORDINATES = 1000;
+
+int coordinates_of(AmbConstraint &joint) {
+  const ArticulationDynamics::JointType type = joint_type_of(joint);
+  return ArticulationDynamics::sliding_coordinates_of(type) + ArticulationDynamics::turning_coordinates_of(type);
+}
+
+// Whether such a tree, and contacts with its links, are affordable.
+bool is_affordable(const AmbBody &base, AmbConstraint *const *joints, int n) {
+  int coordinates = 0;
+  for (int i = 0; i < n; ++i) coordinates += coordinates_of(*joints[i]);
+  if (coordinates > MAX_COORDINATES) return false;
   std::unordered_map<const AmbBody *, int> paths{{&base, 0}};
   for (int i = 0; i < n; ++i) {
     const AmbBody &a = first_of(*joints[i]), &b = second_of(*joints[i]);
     const bool from_a = paths.count(&a) > 0;
-    const ArticulationDynamics::JointType type = joint_type_of(*joints[i]);
-    const int path = paths[from_a ? &a : &b] + ArticulationDynamics::sliding_coordinates_of(type) +
-                     ArticulationDynamics::turning_coordinates_of(type);
+    const int path = paths[from_a ? &a : &b] + coordinates_of(*joints[i]);
     const AmbBody &child = from_a ? b : a;
-    if (path > MAX_CONTACT_PATH && can_collide(child)) return false;
+    if (path > MAX_CONTACT_PATH && !touches_nothing(*child.shape->shape)) return false;
     paths[&child] = path;
   }
   return true;
 }
 
-AmbConstraint *joint_of(AmbConstraint &spring, AmbConstraint *const *joints, int n) {
+// The joint of a tree that leads to each of its bodies from the base on.
+using JointsByChild = std::unordered_map<const AmbBody *, AmbConstraint *>;
+
+JointsByChild joints_by_child(const AmbBody &base, AmbConstraint *const *joints, int n) {
+  JointsByChild found{{&base, nullptr}};
   for (int i = 0; i < n; ++i) {
-    if (joins_the_same(spring, *joints[i]) && acts_along(spring, *joints[i])) return joints[i];
+    const AmbBody &a = first_of(*joints[i]), &b = second_of(*joints[i]);
+    found.emplace(found.count(&a) > 0 ? &b : &a, joints[i]);
+  }
+  return found;
+}
+
+AmbConstraint *joint_of(AmbConstraint &spring, const JointsByChild &joints) {
+  for (const AmbBody *body : {&first_of(spring), &second_of(spring)}) {
+    const auto found = joints.find(body);
+    if (found == joints.end() || !found->second) continue;
+    if (joins_the_same(spring, *found->second) && acts_along(spring, *found->second)) return found->second;
   }
   return nullptr;
 }
@@ -182,14 +200,6 @@ LinkCollider::LinkCollider(AmbBody &owner, btMultiBody *multi_body, int link)
   setRollingFriction(owner.body.getRollingFriction());
   setRestitution(owner.body.getRestitution());
   setActivationState(DISABLE_DEACTIVATION);
-}
-
-bool LinkCollider::checkCollideWithOverride(const btCollisionObject *other) const {
-  const AmbObject *object = object_of(other);
-  for (const AmbObject *one : ignored) {
-    if (one == object) return false;
-  }
-  return btMultiBodyLinkCollider::checkCollideWithOverride(other);
 }
 
 AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n,
@@ -283,25 +293,17 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
     body.collider->setWorldTransform(body.body.getWorldTransform());
     world.world->addCollisionObject(body.collider, btBroadphaseProxy::DefaultFilter, btBroadphaseProxy::AllFilter);
   }
-  for (size_t i = 1; i < members.size(); ++i) {
-    const AmbConstraint &joint = *members[i].joint;
-    if (!joint.disables_collision) continue;
-    members[i].collider->ignored.push_back(&first_of(joint) == members[i].body ? &second_of(joint) : &first_of(joint));
-  }
   poses_set = velocities_set = true;
   apply_set_state();
   for (size_t i = 1; i < members.size(); ++i) {
     AmbConstraint &joint = *members[i].joint;
     if (joint.kind == Kind::SixDofSpring && dynamics.links[i - 1].coordinate >= 0) add_spring(joint, i - 1, true);
   }
+  const JointsByChild by_child = n_parallel > 0 ? joints_by_child(base, joints, n) : JointsByChild();
   for (int i = 0; i < n_parallel; ++i) {
     AmbConstraint &spring = *parallel[i];
     has_feedback |= spring.feedback != nullptr;
-    add_spring(spring, joint_of(spring, joints, n)->link - 1, false);
-    if (!spring.disables_collision) continue;
-    LinkCollider &collider = *members[springs.back().link + 1].collider;
-    collider.ignored.push_back(&first_of(spring) == members[springs.back().link + 1].body ? &second_of(spring)
-                                                                                          : &first_of(spring));
+    add_spring(spring, joint_of(spring, by_child)->link - 1, false);
   }
   joint_rows = std::make_unique<JointRows>(*this);
   world.articulated->addMultiBody(multi_body.get());
@@ -394,11 +396,11 @@ AmbArticulation::~AmbArticulation() {
   for (size_t i = 1; i < members.size(); ++i) {
     AmbConstraint &joint = *members[i].joint;
     joint.articulation = nullptr;
-    world.world->addConstraint(joint.constraint.get(), joint.disables_collision);
+    world.world->addConstraint(joint.constraint.get());
   }
   for (const Spring &spring : springs) {
     if (spring.constraint == members[spring.link + 1].joint) continue;
-    world.world->addConstraint(spring.constraint->constraint.get(), spring.constraint->disables_collision);
+    world.world->addConstraint(spring.constraint->constraint.get());
   }
   for (AmbConstraint *constraint : external)
     amb_world_add_constraint(&world, constraint, constraint->disables_collision);
@@ -839,15 +841,16 @@ extern "C" {
 
 AmbArticulation *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
                                       AmbConstraint *const *springs, int n_springs) {
-  if (!world->articulated || !has_short_contact_paths(*base, joints, n)) return nullptr;
+  if (!world->articulated || !is_affordable(*base, joints, n)) return nullptr;
   for (int i = 0; i < n; ++i) {
     if (!fits(*joints[i])) return nullptr;
     for (const AmbBody *body : {&first_of(*joints[i]), &second_of(*joints[i])}) {
       if (body->articulation || (!turns_freely(*body) && (body != base || body->body.getInvMass() > 0))) return nullptr;
     }
   }
+  const JointsByChild by_child = n_springs > 0 ? joints_by_child(*base, joints, n) : JointsByChild();
   for (int i = 0; i < n_springs; ++i) {
-    if (!joint_of(*springs[i], joints, n)) return nullptr;
+    if (!joint_of(*springs[i], by_child)) return nullptr;
   }
   return new AmbArticulation(*world, *base, joints, n, springs, n_springs);
 }

@@ -22,11 +22,6 @@ class LinkDrive;
 // The collision object of a link.
 struct LinkCollider : btMultiBodyLinkCollider {
   LinkCollider(AmbBody &owner, btMultiBody *multi_body, int link);
-
-  bool checkCollideWithOverride(const btCollisionObject *other) const override;
-
-  // Objects that a joint or an external constraint with disabled collisions connects to this link.
-  Vector<const AmbObject *> ignored;
 };
 
 struct AmbArticulation {
@@ -169,6 +164,11 @@ class ArticulatedWorld : public LazyWorld<btMultiBodyDynamicsWorld> {
   ArticulatedWorld(MotionClock &clock, btDispatcher *dispatcher, btBroadphaseInterface *broadphase,
                    btMultiBodyConstraintSolver *solver, btCollisionConfiguration *configuration);
 
+  void addMultiBody(btMultiBody *body, int group = btBroadphaseProxy::DefaultFilter,
+                    int mask = btBroadphaseProxy::AllFilter) override;
+  void removeMultiBody(btMultiBody *body) override;
+  void addMultiBodyConstraint(btMultiBodyConstraint *constraint) override;
+  void removeMultiBodyConstraint(btMultiBodyConstraint *constraint) override;
   void applyGravity() override;
   void clearForces() override;
   void predictUnconstraintMotion(btScalar h) override;
@@ -178,6 +178,9 @@ class ArticulatedWorld : public LazyWorld<btMultiBodyDynamicsWorld> {
   Vector<AmbArticulation *> articulations;
   // Constraints on links that are not joints of the link's articulation.
   Vector<AmbConstraint *> external_constraints;
+
+ private:
+  Places multi_body_places, multi_body_constraint_places;
 };
 
 // Coordinate of a spring about (rad, sign as of a hinge) or along (m) z of its frames, from the present poses.

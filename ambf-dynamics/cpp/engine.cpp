@@ -43,6 +43,7 @@ void EngineWorld::before_sub_step(btScalar h) {
 }
 
 void EngineWorld::after_sub_step(btScalar h) {
+  accurate.is_continued = false;
   if (ledger.enabled) ledger.after_sub_step(*this, h);
 }
 
@@ -152,6 +153,14 @@ double amb_world_jointed_turn_rate(AmbWorld *world) {
   if (!std::isfinite(rate)) return rate;
   recent = std::max(rate, KEPT * recent);
   return recent;
+}
+
+int amb_world_continue_sub_step(AmbWorld *world) {
+  // A solution that is found takes a few hundredths of the budget, one that is not found may take three times as much.
+  constexpr double MOST_BUDGETS = 4;
+  AccurateContext &accurate = engine_of(*world).accurate;
+  accurate.is_continued = true;
+  return accurate.work <= MOST_BUDGETS * accurate.budget;
 }
 
 void amb_world_count_division(AmbWorld *world) { ++engine_of(*world).accurate.statistics.divided_sub_steps; }

@@ -69,12 +69,8 @@ Bare *bare_take(AmbWorld *from, int skips) {
   std::vector<std::pair<btTypedConstraint *, bool>> constraints;
   for (int i = 0; i < old.getNumConstraints(); ++i) {
     btTypedConstraint *constraint = old.getConstraint(i);
-    const btRigidBody &a = constraint->getRigidBodyA();
-    bool disables_collision = false;
-    for (int k = 0; k < a.getNumConstraintRefs(); ++k) {
-      disables_collision |= const_cast<btRigidBody &>(a).getConstraintRef(k) == constraint;
-    }
-    constraints.emplace_back(constraint, disables_collision);
+    const AmbObject &a = *object_of(&constraint->getRigidBodyA()), &b = *object_of(&constraint->getRigidBodyB());
+    constraints.emplace_back(constraint, a.ignores(b));
   }
   auto *bare = new Bare;
   bare->solver = std::move(from->solver);

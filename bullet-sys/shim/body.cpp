@@ -8,6 +8,11 @@ AmbBody *amb_body_new(double mass, const double inertia[3], AmbShape *shape, con
 
 void amb_body_free(AmbBody *body) { delete body; }
 
+void amb_body_set_apart(AmbBody *body, unsigned family, const unsigned *groups, int n) {
+  body->family = family;
+  body->groups.assign(groups, groups + n);
+}
+
 void amb_body_set_surface(AmbBody *body, double friction, double rolling_friction, double restitution) {
   body->body.setFriction(friction);
   body->body.setRollingFriction(rolling_friction);

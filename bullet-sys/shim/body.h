@@ -9,6 +9,10 @@ AmbBody *amb_body_new(double mass, const double inertia[3], AmbShape *shape, con
 /* The body must have been removed from its world, and so must every constraint on it. */
 void amb_body_free(AmbBody *body);
 
+/* Bodies of one family, unless it is 0, never collide with each other; neither do two bodies that are both in groups, of
+   which none is common. groups: n numbers, ascending. To be called before the body is added to a world. */
+void amb_body_set_apart(AmbBody *body, unsigned family, const unsigned *groups, int n);
+
 void amb_body_set_surface(AmbBody *body, double friction, double rolling_friction, double restitution);
 void amb_body_set_damping(AmbBody *body, double linear, double angular);
 /* m/s^2. To be called after the body was added to a world, which sets the world's gravity. */

@@ -11,11 +11,13 @@
 #include <BulletCollision/CollisionDispatch/btGhostObject.h>
 #include <BulletDynamics/MLCPSolvers/btMLCPSolverInterface.h>
 #include <BulletSoftBody/btSoftRigidDynamicsWorld.h>
+#include <LinearMath/btHashMap.h>
 #include <btBulletDynamicsCommon.h>
 
 #include "arena_memory.h"
 #include "extension.h"
 #include "lazy_world.h"
+#include "pair_cache.h"
 
 extern "C" {
 #include "shim.h"
@@ -46,21 +48,47 @@ struct AmbObject {
 
   explicit AmbObject(ObjectKind object_kind) : kind(object_kind) {}
 
-  bool ignores(const AmbObject &other) const {
-    const size_t word = other.index / 64;
-    return word < ignored.size() && (ignored[word] >> (other.index % 64) & 1) != 0;
+  // Whether the two never collide because of what they are: of one family, or in groups of which none is common.
+  bool is_apart_from(const AmbObject &other) const {
+    if (family != 0 && family == other.family) return true;
+    if (groups.empty() || other.groups.empty()) return false;
+    for (size_t i = 0, k = 0; i < groups.size() && k < other.groups.size();) {
+      if (groups[i] == other.groups[k]) return false;
+      groups[i] < other.groups[k] ? ++i : ++k;
+    }
+    return true;
   }
 
-  void ignore(const AmbObject &other) {
-    if (ignored.size() <= other.index / 64) ignored.resize(other.index / 64 + 1);
-    ignored[other.index / 64] |= uint64_t(1) << (other.index % 64);
+  // Whether the two do not collide now.
+  bool ignores(const AmbObject &other) const {
+    const AmbObject &newer = index > other.index ? *this : other, &older = index > other.index ? other : *this;
+    return is_apart_from(other) || (newer.ignored.size() > 0 && newer.ignored.find(older.index));
+  }
+
+  // Adds a reason for which the two do not collide, or takes one away.
+  void ignore(AmbObject &other, int reasons) {
+    AmbObject &newer = index > other.index ? *this : other, &older = index > other.index ? other : *this;
+    const int *present = newer.ignored.find(older.index);
+    const int sum = reasons + (present ? *present : 0);
+    if (sum > 0) {
+      newer.ignored.insert(older.index, sum);
+    } else {
+      newer.ignored.remove(older.index);
+    }
   }
 
   ObjectKind kind;
-  // Unique in this world and never reused, so that the bit sets `ignored` stay valid when other objects are removed.
-  size_t index = 0;
+  // Unique in this world, above 0 and never reused, so that `ignored` stays valid when other objects are removed; 0: not
+  // in a world.
+  int index = 0;
   AmbHandle handle = 0;
-  Vector<uint64_t> ignored;
+  // Objects of one family never collide; 0: none. Neither do objects in groups that have none in common; sorted, empty:
+  // in no group, which collides with all.
+  unsigned family = 0;
+  Vector<unsigned> groups;
+  // By the index of an older object, the number of reasons, such as joints, for which the two do not collide.
+  btHashMap<btHashInt, int> ignored;
+  Partners partners;
 };
 
 struct AmbBody : AmbObject, EngineBody {
@@ -85,6 +113,8 @@ struct AmbBody : AmbObject, EngineBody {
   btCollisionObject *collider = &body;
   // Number of constraints that act on the body.
   int constraint_count = 0;
+  // Place in Bullet's list of bodies that are not static; -1: not in it.
+  int place = -1;
 };
 
 struct AmbGhost : AmbObject {
@@ -170,13 +200,56 @@ struct Stepper {
   virtual void finish() = 0;
 };
 
+// Whether a shape has no extent: it takes part in no collision, and no ray hits it.
+inline bool touches_nothing(const btCollisionShape &shape) {
+  if (shape.isCompound()) return static_cast<const btCompoundShape &>(shape).getNumChildShapes() == 0;
+  return shape.getShapeType() == EMPTY_SHAPE_PROXYTYPE;
+}
+
+// Base class, so that it is there before the broad phase that uses it.
+struct OwnPairCache {
+  PairCache pairs;
+};
+
 // Broad phase: finds pairs of overlapping bounding boxes (AABBs).
-struct Broadphase : btDbvtBroadphase {
+struct Broadphase : private OwnPairCache, btDbvtBroadphase {
+  Broadphase() : btDbvtBroadphase(&pairs) {}
+
+  using OwnPairCache::pairs;
+
+  // Objects whose shape touches nothing are in no tree and no pair: without extent, many of them may be at one point.
+  //
+  // A new leaf of a tree goes to the nearest one, so that a row of bodies makes the tree a list, and each further body
+  // takes time in proportion to their number. The tree is then balanced.
+  btBroadphaseProxy *createProxy(const btVector3 &low, const btVector3 &high, int shape_type, void *object, int group,
+                                 int mask, btDispatcher *dispatcher) override {
+    if (touches_nothing(*static_cast<btCollisionObject *>(object)->getCollisionShape())) {
+      auto *proxy = new (btAlignedAlloc(sizeof(btDbvtProxy), 16)) btDbvtProxy(low, high, object, group, mask);
+      proxy->leaf = nullptr;
+      proxy->m_uniqueId = 0;
+      return proxy;
+    }
+    btBroadphaseProxy *proxy = btDbvtBroadphase::createProxy(low, high, shape_type, object, group, mask, dispatcher);
+    constexpr int MOST_DEPTH = 1000;
+    int depth = 0;
+    for (const btDbvtNode *node = static_cast<btDbvtProxy *>(proxy)->leaf; node->parent; node = node->parent) ++depth;
+    if (depth > MOST_DEPTH) m_sets[DYNAMIC_SET].optimizeTopDown();
+    return proxy;
+  }
+
+  void destroyProxy(btBroadphaseProxy *proxy, btDispatcher *dispatcher) override {
+    if (is_in_tree(*proxy)) return btDbvtBroadphase::destroyProxy(proxy, dispatcher);
+    btAlignedFree(proxy);
+  }
+
   // Bullet enlarges the AABBs of moving objects by the global variable gDbvtMargin, which worlds in several threads
   // cannot set to different values. With `tight` the AABB is stored without it.
   void setAabb(btBroadphaseProxy *proxy, const btVector3 &low, const btVector3 &high,
                btDispatcher *dispatcher) override {
-    if (tight && !static_cast<btDbvtProxy *>(proxy)->leaf->volume.Contain(btDbvtVolume::FromMM(low, high))) {
+    if (!is_in_tree(*proxy)) {
+      proxy->m_aabbMin = low;
+      proxy->m_aabbMax = high;
+    } else if (tight && !static_cast<btDbvtProxy *>(proxy)->leaf->volume.Contain(btDbvtVolume::FromMM(low, high))) {
       setAabbForceUpdate(proxy, low, high, dispatcher);
     } else {
       btDbvtBroadphase::setAabb(proxy, low, high, dispatcher);
@@ -184,6 +257,9 @@ struct Broadphase : btDbvtBroadphase {
   }
 
   bool tight = false;
+
+ private:
+  static bool is_in_tree(const btBroadphaseProxy &proxy) { return static_cast<const btDbvtProxy &>(proxy).leaf; }
 };
 
 struct AmbWorld {
@@ -227,7 +303,7 @@ struct AmbWorld {
   bool has_gimpact = false;
   // Rays are cast in this world: soft bodies maintain a bounding-volume tree of their faces.
   bool has_rays = false;
-  size_t next_index = 0;
+  int next_index = 1;
 };
 
 // Whether the contacts of a manifold produce impulses: neither object is a ghost.

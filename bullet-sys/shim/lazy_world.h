@@ -4,6 +4,7 @@
 
 #include <cstdint>
 
+#include <LinearMath/btHashMap.h>
 #include <LinearMath/btTransformUtil.h>
 #include <btBulletDynamicsCommon.h>
 
@@ -63,13 +64,51 @@ class LazyMotionState final : public btMotionState {
   mutable btDefaultMotionState state;
 };
 
-// A world of type World without work whose results are not used: motion states are lazy and use `clock`. Bodies move as
-// in the plain world, bit for bit.
+// Takes an element at a known place out of a list of Bullet's as its `remove` does: the last one takes its place.
+template <typename T>
+void remove_at(btAlignedObjectArray<T> &list, int place) {
+  list.swap(place, list.size() - 1);
+  list.pop_back();
+}
+
+// Pointers, and where they are in a list of Bullet's, which finds them by a look at each element.
+class Places {
+ public:
+  void add(const void *element, int place) { places_.insert(element, place); }
+
+  // As the list's `remove`.
+  template <typename T>
+  void remove(btAlignedObjectArray<T *> &list, T *element) {
+    const int *known = places_.find(element);
+    if (!known) return;
+    const int place = *known;
+    places_.remove(element);
+    remove_at(list, place);
+    if (place < list.size()) places_.insert(list[place], place);
+  }
+
+ private:
+  btHashMap<btHashPtr, int> places_;
+};
+
+// A world of type World without work whose results are not used: motion states are lazy and use `clock`. Constraints are
+// removed in constant time. Bodies move as in the plain world, bit for bit.
 template <typename World>
 class LazyWorld : public World {
  public:
   template <typename... Arguments>
   explicit LazyWorld(MotionClock &motion_clock, Arguments... arguments) : World(arguments...), clock(motion_clock) {}
+
+  void addConstraint(btTypedConstraint *constraint, bool disables_collisions = false) override {
+    constraint_places.add(constraint, this->m_constraints.size());
+    World::addConstraint(constraint, disables_collisions);
+  }
+
+  void removeConstraint(btTypedConstraint *constraint) override {
+    constraint_places.remove(this->m_constraints, constraint);
+    constraint->getRigidBodyA().removeConstraintRef(constraint);
+    constraint->getRigidBodyB().removeConstraintRef(constraint);
+  }
 
   void synchronizeMotionStates() override {
     ++clock.due;
@@ -88,6 +127,7 @@ class LazyWorld : public World {
 
  private:
   MotionClock &clock;
+  Places constraint_places;
 };
 
 #endif

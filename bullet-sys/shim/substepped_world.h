@@ -2,6 +2,8 @@
 #ifndef AMB_SUBSTEPPED_WORLD_H
 #define AMB_SUBSTEPPED_WORLD_H
 
+#include <utility>
+
 #include "internal.h"
 
 // Makes the same calls in the same order as stepSimulation: results agree bit for bit. The world's user pointer is its
@@ -9,6 +11,27 @@
 template <class Base>
 struct SubsteppedWorld : Base, Stepper {
   using Base::Base;
+
+  // Bodies are removed in constant time. The user pointer of each is its AmbBody.
+  void addRigidBody(btRigidBody *body) override {
+    Base::addRigidBody(body);
+    note_place(*body);
+  }
+
+  void addRigidBody(btRigidBody *body, int group, int mask) override {
+    Base::addRigidBody(body, group, mask);
+    note_place(*body);
+  }
+
+  void removeRigidBody(btRigidBody *body) override {
+    btAlignedObjectArray<btRigidBody *> &bodies = this->m_nonStaticRigidBodies;
+    const int place = std::exchange(body_of(body)->place, -1);
+    if (place >= 0) {
+      remove_at(bodies, place);
+      if (place < bodies.size()) body_of(bodies[place])->place = place;
+    }
+    btCollisionWorld::removeCollisionObject(body);
+  }
 
   int begin(btScalar interval, int most, btScalar sub_step) override {
     this->m_fixedTimeStep = sub_step;
@@ -58,6 +81,11 @@ struct SubsteppedWorld : Base, Stepper {
   }
 
  private:
+  void note_place(btRigidBody &body) {
+    const int last = this->m_nonStaticRigidBodies.size() - 1;
+    if (last >= 0 && this->m_nonStaticRigidBodies[last] == &body) body_of(&body)->place = last;
+  }
+
   bool idle = true;
 };
 

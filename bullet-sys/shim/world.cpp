@@ -7,8 +7,7 @@
 
 namespace {
 
-// Ignored pairs stay in the pair cache, so that the order of the other pairs, and hence of contact rows, does not
-// depend on how a pair is ignored.
+// Pairs that are ignored for now, such as those of a joint, stay in the pair cache: they may collide again.
 void near_callback(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, const btDispatcherInfo &info) {
   const auto &first = *static_cast<const btCollisionObject *>(pair.m_pProxy0->m_clientObject);
   const auto &second = *static_cast<const btCollisionObject *>(pair.m_pProxy1->m_clientObject);
@@ -80,8 +79,7 @@ void AmbWorld::adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle)
 }
 
 void AmbWorld::ignore_pair(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btCollisionObject &object_b) {
-  a.ignore(b);
-  b.ignore(a);
+  a.ignore(b, 1);
   btOverlappingPairCache &pairs = *broadphase.getOverlappingPairCache();
   btBroadphasePair *pair = pairs.findPair(object_a.getBroadphaseHandle(), object_b.getBroadphaseHandle());
   if (pair) pairs.cleanOverlappingPair(*pair, &dispatcher);
@@ -89,7 +87,11 @@ void AmbWorld::ignore_pair(AmbObject &a, btCollisionObject &object_a, AmbObject 
 
 namespace {
 
-void count_constraints(AmbWorld &world, const AmbConstraint &constraint, int change) {
+void count_constraint(AmbWorld &world, const AmbConstraint &constraint, int change) {
+  if (constraint.disables_collision) {
+    AmbObject *a = object_of(&constraint.constraint->getRigidBodyA()), *b = object_of(&constraint.constraint->getRigidBodyB());
+    if (a && b) a->ignore(*b, change);
+  }
   for (const btRigidBody *body : {&constraint.constraint->getRigidBodyA(), &constraint.constraint->getRigidBodyB()}) {
     AmbBody *owner = body_of(body);
     if (!owner) continue;
@@ -168,15 +170,15 @@ void amb_world_make_visual_only(AmbWorld *world, AmbBody *body) {
 }
 
 void amb_world_add_constraint(AmbWorld *world, AmbConstraint *constraint, int disable_collisions) {
-  count_constraints(*world, *constraint, 1);
   constraint->disables_collision = disable_collisions != 0;
+  count_constraint(*world, *constraint, 1);
   activate_bodies(*constraint);
   if (world->extension && world->extension->add_constraint(*constraint)) return;
-  world->world->addConstraint(constraint->constraint.get(), constraint->disables_collision);
+  world->world->addConstraint(constraint->constraint.get());
 }
 
 void amb_world_remove_constraint(AmbWorld *world, AmbConstraint *constraint) {
-  count_constraints(*world, *constraint, -1);
+  count_constraint(*world, *constraint, -1);
   activate_bodies(*constraint);
   if (world->extension && world->extension->remove_constraint(*constraint)) return;
   world->world->removeConstraint(constraint->constraint.get());
@@ -256,6 +258,8 @@ void amb_world_recover(AmbWorld *world) {
   world->solver->reset();
   if (world->extension) world->extension->recovered();
 }
+
+int amb_world_pair_count(const AmbWorld *world) { return world->broadphase.pairs.getNumOverlappingPairs(); }
 
 int amb_world_contact_count(const AmbWorld *world) {
   int count = 0;

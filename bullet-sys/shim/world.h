@@ -66,6 +66,8 @@ void amb_world_finish_step(AmbWorld *world);
 /* Discards contacts and warm-starting impulses, and reactivates bodies that Bullet disabled because their state was not
    finite. Poses and velocities must have been set to finite values before. */
 void amb_world_recover(AmbWorld *world);
+/* Number of pairs of objects whose bounding boxes overlap, without those that are apart for good. */
+int amb_world_pair_count(const AmbWorld *world);
 /* Number of contact points of rigid bodies after the last sub-step, including those of positive distance. */
 int amb_world_contact_count(const AmbWorld *world);
 

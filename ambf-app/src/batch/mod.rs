@@ -287,14 +287,22 @@ fn name_command(mut error: LostState, commands: &Commands, simulation: &Simulati
 
 /// Names of the bodies as in the ADF; later ones of the same name get the first free of the suffixes 1, 2, …
 fn unique_names(simulation: &Simulation) -> Vec<String> {
-    let mut taken: HashMap<String, ()> = HashMap::new();
+    // Names that are taken, and the suffix up to which those of a name are.
+    let mut taken: HashMap<String, u32> = HashMap::new();
     let mut unique = |name: &str| {
-        let mut candidate = name.to_owned();
-        let mut suffix = 0;
-        while taken.insert(candidate.clone(), ()).is_some() {
+        let Some(mut suffix) = taken.get(name).copied() else {
+            taken.insert(name.to_owned(), 0);
+            return name.to_owned();
+        };
+        let candidate = loop {
             suffix += 1;
-            candidate = format!("{name}{suffix}");
-        }
+            let candidate = format!("{name}{suffix}");
+            if !taken.contains_key(&candidate) {
+                break candidate;
+            }
+        };
+        taken.insert(name.to_owned(), suffix);
+        taken.insert(candidate.clone(), 0);
         candidate
     };
     simulation.scene().bodies.iter().map(|body| unique(&body.identity.name)).collect()

@@ -61,6 +61,15 @@ impl Default for PlausibleBounds {
     }
 }
 
+/// What keeps a body from colliding with others for good, at no cost for each pair.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Apart<'a> {
+    /// Bodies of one family never collide with each other. Default: 0, none.
+    pub family: u32,
+    /// Two bodies that are both in groups collide if they share one; a body in none collides with all. Default: none.
+    pub groups: &'a [u32],
+}
+
 impl World {
     /// Adds a body at the end of [`bodies`](Self::bodies).
     pub fn add_body(&mut self, body: RigidBody) -> BodyHandle {
@@ -72,6 +81,16 @@ impl World {
     /// # Panics
     /// If there is a body at the index, or the list ends before it.
     pub fn add_body_at(&mut self, index: usize, body: RigidBody) -> BodyHandle {
+        self.add_body_apart(index, body, Apart::default())
+    }
+
+    /// The same of a body that never collides with some others.
+    ///
+    /// # Panics
+    /// If there is a body at the index, or the list ends before it.
+    pub fn add_body_apart(&mut self, index: usize, body: RigidBody, apart: Apart<'_>) -> BodyHandle {
+        let mut groups = apart.groups.to_vec();
+        groups.sort_unstable();
         let is_free = self.body_list.get(index).map_or(index == self.body_list.len(), |raw| raw.is_null());
         assert!(is_free, "index {index} of {} is not free", self.body_list.len());
         let _arena = self.enter();
@@ -81,10 +100,11 @@ impl World {
             sys::amb_body_new(body.mass, body.inertia.as_ptr(), body.shape.raw(), raw_pose(&body.pose).as_ptr())
         };
         let raw = NonNull::new(raw).expect("operator new throws rather than return null");
-        // SAFETY: the body is alive.
+        // SAFETY: the body is alive; the groups are copied.
         unsafe {
             sys::amb_body_set_surface(raw.as_ptr(), body.friction, body.rolling_friction, body.restitution);
             sys::amb_body_set_damping(raw.as_ptr(), body.linear_damping, body.angular_damping);
+            sys::amb_body_set_apart(raw.as_ptr(), apart.family, groups.as_ptr(), groups.len() as i32);
         }
         let handle = self.bodies.insert(OwnedBody {
             raw,
@@ -159,7 +179,7 @@ impl World {
     }
 
     /// Disables collisions between two bodies from now on. The test takes constant time, however many such pairs there
-    /// are.
+    /// are; for many bodies see [`Apart`].
     pub fn ignore_collision(&mut self, a: BodyHandle, b: BodyHandle) {
         let _arena = self.enter();
         if let (Some(a), Some(b)) = (self.raw_body(a), self.raw_body(b)) {

@@ -24,6 +24,9 @@ pub struct SolverStatistics {
     pub pivots: u64,
     /// Sweeps of projected Gauss-Seidel.
     pub sweeps: u64,
+    /// Multiplications of all solutions, of velocities and of positions: what the
+    /// [budget](super::AccurateSettings::budget_per_row) counts.
+    pub multiplications: f64,
     /// Largest violation of complementarity of a solution, m/s or rad/s.
     pub residual: f64,
     /// Largest position error along one axis of a joint that is a constraint, m. Joints of articulations are exact and
@@ -51,6 +54,7 @@ impl World {
             factorisations: raw.factorisations,
             pivots: raw.pivots,
             sweeps: raw.sweeps,
+            multiplications: raw.multiplications,
             residual: raw.residual,
             joint_gap: raw.joint_gap,
             joint_angle: raw.joint_angle,

@@ -79,11 +79,17 @@ impl World {
         for index in 0..count {
             let parts = self.parts_of(sub_step, if index < expected.sub_steps { expected.turn } else { 0.0 });
             let length = sub_step / f64::from(parts);
-            for part in 0..parts {
+            let mut part = 0;
+            while part < parts {
+                // SAFETY: as above.
+                let is_last = part > 0 && unsafe { sys::amb_world_continue_sub_step(self.raw.as_ptr()) } == 0;
+                let count = if is_last { parts - part } else { 1 };
                 let start = f64::from(index) * sub_step + f64::from(part) * length;
+                let length = length * f64::from(count);
                 before(self, SubStep { length, start, whole: sub_step, duration });
                 // SAFETY: as above.
                 unsafe { sys::amb_world_advance(self.raw.as_ptr(), length, sub_step) }
+                part += count;
             }
         }
         // SAFETY: as above.

@@ -248,6 +248,13 @@ impl World {
         unsafe { sys::amb_world_recover(self.raw.as_ptr()) }
     }
 
+    /// Pairs of objects whose bounding boxes overlap, which the narrow phase looks at. Bodies that are [apart](super::Apart) and
+    /// shapes without extent have none.
+    pub fn pair_count(&self) -> usize {
+        // SAFETY: the world is alive.
+        unsafe { sys::amb_world_pair_count(self.raw.as_ptr()) }.max(0) as usize
+    }
+
     /// Contact points of rigid bodies after the last sub-step; those of ghosts do not count.
     pub fn contact_count(&self) -> usize {
         // SAFETY: the world is alive.

@@ -142,13 +142,9 @@ impl<'a> Builder<'a> {
 
     /// All but cameras and lights, in the order of the C++ program.
     fn add_objects(&mut self, model: &adf::Model) {
-        let mut apart = Vec::new();
         for (index, body) in model.bodies.iter().enumerate() {
             self.with_plugins(ObjectType::Body, &body.common, |builder| {
                 if let Some(id) = builder.add_body(index, body, model) {
-                    if !body.self_collision {
-                        apart.push(id);
-                    }
                     builder.own_names.insert(&builder.scene.bodies[id].identity.key(), id);
                 }
             });
@@ -158,9 +154,6 @@ impl<'a> Builder<'a> {
             self.with_plugins(ObjectType::Joint, &joint.common, |builder| builder.add_joint(joint));
         }
         self.add_lists(model, true);
-        if model.ignore_inter_collision {
-            self.ignore_all_pairs(&apart);
-        }
     }
 
     /// The objects of all types that are built before joints, or after.
@@ -315,7 +308,6 @@ impl<'a> Builder<'a> {
         for (id, joint) in joints.entries().filter(|(_, joint)| joint.model == model) {
             joint_names.insert(&joint.key, id);
         }
-        self.ignore_foreign_groups();
     }
 
     fn resolve_parents(&mut self) {

@@ -1,7 +1,5 @@
 //! Builds rigid bodies, and says which of them never collide.
 
-use std::collections::{BTreeMap, BTreeSet};
-
 use nalgebra::Isometry3;
 
 use super::body::Body;
@@ -63,7 +61,12 @@ impl Builder<'_> {
             angular_damping: body.surface.angular_damping,
             gravity,
         };
-        let handle = self.scene.world.add_body_at(index, rigid);
+        let keeps_apart = model.ignore_inter_collision && !body.self_collision;
+        let apart = bullet::Apart {
+            family: if keeps_apart { self.model.index() as u32 + 1 } else { 0 },
+            groups: &body.collision_groups,
+        };
+        let handle = self.scene.world.add_body_apart(index, rigid, apart);
         self.set_continuous(body, handle);
         self.scene.world.set_gyroscopic(handle, self.scene.gyroscopic);
         let controller = body.controller.unwrap_or_default();
@@ -144,41 +147,6 @@ impl Builder<'_> {
                 three_digits(distance)
             );
             self.note(Severity::Warning, &body.common.source, message);
-        }
-    }
-
-    /// Keeps bodies from colliding with each other.
-    pub(super) fn ignore_all_pairs(&mut self, apart: &[BodyId]) {
-        for (i, &a) in apart.iter().enumerate() {
-            for &b in &apart[i + 1..] {
-                self.ignore_pair(a, b);
-            }
-        }
-    }
-
-    fn ignore_pair(&mut self, a: BodyId, b: BodyId) {
-        let [a, b] = [a, b].map(|body| self.scene.bodies[body].handle);
-        self.scene.world.ignore_collision(a, b);
-    }
-
-    /// Bodies of different groups that share none never collide; bodies in no group collide with everything.
-    pub(super) fn ignore_foreign_groups(&mut self) {
-        let mut members: BTreeMap<&[u32], Vec<BodyId>> = BTreeMap::new();
-        for (id, body) in self.scene.bodies.entries() {
-            if !body.collision_groups.is_empty() {
-                members.entry(&body.collision_groups).or_default().push(id);
-            }
-        }
-        let members: Vec<_> =
-            members.into_iter().map(|(groups, m)| (BTreeSet::from_iter(groups.to_vec()), m)).collect();
-        for (i, (groups, bodies)) in members.iter().enumerate() {
-            for (_, others) in members[i + 1..].iter().filter(|(other, _)| other.is_disjoint(groups)) {
-                for &a in bodies {
-                    for &b in others {
-                        self.ignore_pair(a, b);
-                    }
-                }
-            }
         }
     }
 }

@@ -8,6 +8,10 @@ use std::collections::BTreeSet;
 
 use nalgebra::{Matrix6, Vector6};
 
+/// Most products of blocks in a factorisation, about a second's work; nodes without neighbours in common have none. Many
+/// joints between the same two bodies are all coupled with each other.
+const MAX_PRODUCTS: usize = 1_000_000;
+
 /// One elimination step, and the blocks that it changes.
 struct Pivot {
     node: usize,
@@ -39,32 +43,40 @@ pub(super) struct Factor {
 }
 
 impl Factor {
-    /// `couplings`: pairs (body, joint), joints counted from `n_bodies`; a pair stands once.
-    pub fn new(n_bodies: usize, n_joints: usize, couplings: &[(usize, usize)]) -> Self {
+    /// `couplings`: pairs (body, joint), joints counted from `n_bodies`; a pair stands once. `None` where the factors would
+    /// have so many blocks that a factorisation takes more than [`MAX_PRODUCTS`] products of them.
+    pub fn new(n_bodies: usize, n_joints: usize, couplings: &[(usize, usize)]) -> Option<Self> {
         let n = n_bodies + n_joints;
         let mut neighbours = vec![BTreeSet::new(); n];
         for &(body, joint) in couplings {
             neighbours[body].insert(joint);
             neighbours[joint].insert(body);
         }
+        // The nodes that may go, by the number of their neighbours.
+        let mut next: BTreeSet<(usize, usize)> = (0..n_bodies).map(|node| (neighbours[node].len(), node)).collect();
         let mut may_go: Vec<bool> = (0..n).map(|node| node < n_bodies).collect();
-        let mut left: BTreeSet<usize> = (0..n).collect();
+        let mut products = 0;
         // Numbers of blocks by (later, earlier) node.
         let mut numbers = std::collections::HashMap::new();
         let mut pivots: Vec<Pivot> = Vec::with_capacity(n);
-        while let Some(node) =
-            left.iter().copied().filter(|&node| may_go[node]).min_by_key(|&node| (neighbours[node].len(), node))
-        {
-            left.remove(&node);
+        while let Some((_, node)) = next.pop_first() {
             let around = std::mem::take(&mut neighbours[node]);
+            products += around.len() * around.len() / 2;
+            if products > MAX_PRODUCTS {
+                return None;
+            }
             let mut later = Vec::with_capacity(around.len());
             for &other in &around {
                 let number = numbers.len();
                 numbers.insert((other, node), number);
                 later.push((other, number));
+                next.remove(&(neighbours[other].len(), other));
                 neighbours[other].remove(&node);
                 neighbours[other].extend(around.iter().copied().filter(|&third| third != other));
                 may_go[other] |= node < n_bodies;
+                if may_go[other] {
+                    next.insert((neighbours[other].len(), other));
+                }
             }
             pivots.push(Pivot { node, later, pairs: Vec::new() });
         }
@@ -78,13 +90,13 @@ impl Factor {
             }
         }
         let given = couplings.iter().map(|&(body, joint)| find(&numbers, joint, body)).collect();
-        Self {
+        Some(Self {
             pivots,
             diagonal: vec![Matrix6::zeros(); n],
             blocks: vec![Matrix6::zeros(); numbers.len()],
             given,
             n_bodies,
-        }
+        })
     }
 
     /// Sets all couplings to zero.
@@ -165,7 +177,7 @@ mod tests {
             [(0, 5), (1, 5), (1, 6), (2, 6), (2, 7), (0, 7), (2, 8), (3, 8), (3, 9), (1, 9), (4, 10), (2, 10), (4, 11)];
         let (n_bodies, n_joints) = (5, 7);
         let mut next = numbers();
-        let mut factor = Factor::new(n_bodies, n_joints, &couplings);
+        let mut factor = Factor::new(n_bodies, n_joints, &couplings).expect("it is small");
         let n = 6 * (n_bodies + n_joints);
         let mut dense = DMatrix::zeros(n, n);
         for node in 0..n_bodies + n_joints {
@@ -198,7 +210,7 @@ mod tests {
             let parent = if body % 3 == 1 { 0 } else { body - 1 };
             couplings.extend([(parent, n_bodies + body - 1), (body, n_bodies + body - 1)]);
         }
-        let factor = Factor::new(n_bodies, n_bodies - 1, &couplings);
+        let factor = Factor::new(n_bodies, n_bodies - 1, &couplings).expect("it is small");
         assert_eq!(factor.blocks.len(), couplings.len());
         assert!(factor.pivots.iter().all(|pivot| pivot.later.len() <= 1));
     }

@@ -153,7 +153,8 @@ pub(super) struct Island<'a> {
 }
 
 impl<'a> Island<'a> {
-    pub fn new(bodies: &[Body], joints: &'a [Joint], joints_of: Vec<usize>) -> Self {
+    /// `None` where its joints are too entangled for a factorisation.
+    pub fn new(bodies: &[Body], joints: &'a [Joint], joints_of: Vec<usize>) -> Option<Self> {
         let named = || joints_of.iter().flat_map(|&joint| joints[joint].bodies);
         let distinct = |movable: bool| {
             let mut list: Vec<usize> = named().filter(|&body| bodies[body].movable == movable).collect();
@@ -193,7 +194,7 @@ impl<'a> Island<'a> {
         let size = poses.iter().map(|pose| pose.translation.vector.amax()).fold(1.0, f64::max);
         let mut island = Self {
             values: vec![Vector6::zeros(); nodes.len() + members.len()],
-            factor: Factor::new(nodes.len(), members.len(), &couplings),
+            factor: Factor::new(nodes.len(), members.len(), &couplings)?,
             bodies: nodes,
             masses,
             members,
@@ -203,7 +204,7 @@ impl<'a> Island<'a> {
             size,
         };
         island.weigh();
-        island
+        Some(island)
     }
 
     /// Sets the compliances D: the diagonal of J M⁻¹ Jᵀ, of which the linear and the angular rows that lock a joint

@@ -163,7 +163,8 @@ impl Omission {
 /// closed already (to rounding errors), keep every bit. Returns true when every joint is closed to rounding errors
 /// ([`gap`] says how far one is open).
 ///
-/// A group of bodies whose poses would not be finite is left where it is.
+/// A group of bodies whose poses would not be finite is left where it is, and so is one whose joints are so entangled, such
+/// as hundreds between the same two bodies, that the cost would not be in proportion to their number.
 ///
 /// # Panics
 /// When a joint names a body that does not exist.
@@ -171,7 +172,8 @@ pub fn assemble(bodies: &mut [Body], joints: &[Joint]) -> bool {
     let islands = island::partition(bodies, joints);
     let mut closed = true;
     for joints_of in islands {
-        closed &= island::Island::new(bodies, joints, joints_of).solve(bodies);
+        let island = island::Island::new(bodies, joints, joints_of);
+        closed &= island.is_some_and(|island| island.solve(bodies));
     }
     closed
 }

@@ -1,5 +1,7 @@
 //! Rows of loops that repeat what other rows demand.
 
+use std::collections::{HashMap, HashSet};
+
 use nalgebra::{DVector, Isometry3, Matrix3, SymmetricEigen, UnitQuaternion, Vector3};
 
 use super::island::{partition, Island};
@@ -85,22 +87,26 @@ pub fn omit_redundant_rows(bodies: &[Body], joints: &mut [Joint]) -> Vec<Loops> 
 
 /// Without the joints of bodies that hang on one joint only, again and again. All bodies that do not move are one.
 fn joints_of_loops(bodies: &[Body], joints: &[Joint], mut joints_of: Vec<usize>) -> Vec<usize> {
-    let mut degrees = vec![0; bodies.len()];
-    joints_of.iter().flat_map(|&joint| joints[joint].bodies).for_each(|body| degrees[body] += 1);
-    loop {
-        let before = joints_of.len();
-        joints_of.retain(|&joint| {
-            let ends = joints[joint].bodies;
-            let hangs = ends.into_iter().any(|body| bodies[body].movable && degrees[body] == 1);
-            if hangs {
-                ends.into_iter().for_each(|body| degrees[body] -= 1);
+    let mut joints_at: HashMap<usize, Vec<usize>> = HashMap::new();
+    for &joint in &joints_of {
+        joints[joint].bodies.into_iter().for_each(|body| joints_at.entry(body).or_default().push(joint));
+    }
+    let mut degrees: HashMap<usize, usize> = joints_at.iter().map(|(&body, at)| (body, at.len())).collect();
+    let hangs = |degrees: &HashMap<usize, usize>, body: usize| bodies[body].movable && degrees[&body] == 1;
+    let mut hanging: Vec<usize> = degrees.keys().copied().filter(|&body| hangs(&degrees, body)).collect();
+    let mut is_gone = HashSet::new();
+    while let Some(body) = hanging.pop() {
+        let Some(&joint) = joints_at[&body].iter().find(|joint| !is_gone.contains(*joint)) else { continue };
+        is_gone.insert(joint);
+        for body in joints[joint].bodies {
+            degrees.entry(body).and_modify(|degree| *degree -= 1);
+            if hangs(&degrees, body) {
+                hanging.push(body);
             }
-            !hangs
-        });
-        if joints_of.len() == before {
-            return joints_of;
         }
     }
+    joints_of.retain(|joint| !is_gone.contains(joint));
+    joints_of
 }
 
 /// The bodies and joints of loops, by themselves.
@@ -167,9 +173,12 @@ impl Mechanism {
         });
         let starts = starts.collect();
         let mut mechanism = Self { order: Vec::new(), tree: 0, bodies: own, joints: own_joints, starts, arms, size };
-        mechanism.find_order();
         let rows: usize = mechanism.joints.iter().map(|joint| locked(&joint.kind)).sum();
-        (mechanism.tree < mechanism.order.len() && rows <= MAX_ROWS).then_some(mechanism)
+        if rows > MAX_ROWS {
+            return None;
+        }
+        mechanism.find_order();
+        (mechanism.tree < mechanism.order.len()).then_some(mechanism)
     }
 
     /// Joints of many rows come first, so that those of few rows, such as a ball joint at the remote centre of motion of an
@@ -380,7 +389,7 @@ impl Mechanism {
                 body.pose.translation.vector = poses[index].translation.vector + shift;
                 body.pose.rotation = UnitQuaternion::from_scaled_axis(turn) * poses[index].rotation;
             }
-            Island::new(&bodies, &joints, (0..joints.len()).collect()).solve(&mut bodies);
+            Island::new(&bodies, &joints, (0..joints.len()).collect())?.solve(&mut bodies);
             let closed = joints
                 .iter()
                 .enumerate()

@@ -38,14 +38,13 @@ impl Solver {
     /// Solves all rows but those of friction exactly for the friction that the best approximation, which is at hand,
     /// has: where friction has no solution, or none is found, what is missed shall be friction, and not a joint, a limit
     /// or a contact. Friction that exceeds its bounds for the new normal impulses is lowered to them a few times. These
-    /// problems have fixed bounds, and thus solutions; the objective does not grow. As much work again as the `budget`
-    /// is allowed. Returns whether the best approximation is now such a solution.
-    pub(super) fn hold_friction(&mut self, budget: f64) -> bool {
+    /// problems have fixed bounds, and thus solutions; the objective does not grow. Returns whether the best approximation is
+    /// now such a solution.
+    pub(super) fn hold_friction(&mut self, limit: f64) -> bool {
         // Without a factorisation before there is no room for one.
         if self.statistics.factorisations == 0 {
             return false;
         }
-        let limit = self.statistics.multiplications + budget;
         let mut objective = self.best_objective().max(0.0);
         let tolerance = std::mem::replace(&mut self.tolerance, self.accepted);
         self.save_impulses();
@@ -74,14 +73,12 @@ impl Solver {
     }
 
     /// Removes friction along the sliding, and solves all other rows exactly again, where rows other than drives add energy:
-    /// an approximation may lower the objective by the work of a drive and yet have friction that pushes. As much work
-    /// again as the `budget` is allowed.
-    pub(super) fn release_friction(&mut self, budget: f64) {
+    /// an approximation may lower the objective by the work of a drive and yet have friction that pushes.
+    pub(super) fn release_friction(&mut self, limit: f64) {
         // Without a factorisation before there is no room for one.
         if self.statistics.factorisations == 0 || !self.friction_adds_energy() {
             return;
         }
-        let limit = self.statistics.multiplications + budget;
         let tolerance = std::mem::replace(&mut self.tolerance, self.accepted);
         let mut least = self.pushing_work();
         let mut is_better = false;

@@ -27,7 +27,7 @@
 //! A guess that is the solution is returned unchanged if a factorisation is expensive; a guess near the solution gets a
 //! smaller share of the budget, and sweeps end when they hardly change velocities.
 //!
-//! The work is bounded by a [`Budget`], of which method 5 may take as much again; problems whose factorisation does not
+//! The work is bounded by a [`Budget`], of which method 5 and the problem without biases may take as much again; problems whose factorisation does not
 //! fit are solved by sweeps of projected Gauss–Seidel. The impulses add no energy beyond that of biases and drives. They
 //! are within their bounds, except friction in approximations, and [`Outcome`] states their accuracy. The result depends
 //! on the rows and the budget only. No memory is allocated while a problem is not larger than those before it.

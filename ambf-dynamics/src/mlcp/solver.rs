@@ -55,7 +55,8 @@ const SWEEP_SHARE: f64 = 0.9;
 /// Largest work of a solution, in multiplications.
 ///
 /// Factorisations are made as long as they fit; what is left goes into sweeps. At least four sweeps are made in any
-/// case where no factorisation fits.
+/// case where no factorisation fits. As much work again may go into an approximation: into the problem for given friction,
+/// and into that without biases.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Budget(pub f64);
 
@@ -293,7 +294,9 @@ impl Solver {
             let slack = (BIAS_SLACK * asked).min(most).max(ENERGY_SLACK * self.kinetic_energy);
             if work > slack && work < MAX_BIAS_WORK * asked {
                 let first = self.statistics;
-                outcome = self.solve_velocities(yielding, budget, Variable::without_bias);
+                // Twice the budget in all: this problem may in turn take twice of its own.
+                let left = (2.0 * budget.0 - first.multiplications).max(0.0);
+                outcome = self.solve_velocities(yielding, Budget(left / 2.0), Variable::without_bias);
                 self.statistics.add(&first);
             }
         }
@@ -453,6 +456,7 @@ impl Solver {
     }
 
     fn run(&mut self, Budget(budget): Budget) -> Outcome {
+        let budget = if budget.is_nan() { 0.0 } else { budget };
         self.statistics.residual = f64::INFINITY;
         if !self.prepared || self.rows.not_finite || !self.iterate.variables.iter().all(Variable::is_finite) {
             return Outcome::NotFinite;
@@ -471,7 +475,7 @@ impl Solver {
         self.guess.clear();
         self.guess.extend(self.iterate.variables.iter().map(|row| (row.x, row.state)));
         self.best.merit = Merit::NOT_FINITE;
-        self.find(if budget.is_nan() { 0.0 } else { budget }, scale);
+        self.find(budget, scale);
         if self.best.merit.residual == f64::INFINITY {
             return Outcome::NotFinite;
         }
@@ -480,13 +484,15 @@ impl Solver {
             self.dissipate(budget);
             self.load_best();
         }
-        let is_held = self.best.merit.residual > accepted.max(NEAR * scale) && self.hold_friction(budget);
+        // Half of as much work again; the other half is left for the problem without biases.
+        let limit = budget + budget / 2.0;
+        let is_held = self.best.merit.residual > accepted.max(NEAR * scale) && self.hold_friction(limit);
         if !is_held && self.best.merit.residual > accepted {
             self.close_joints();
             self.load_best();
         }
         if self.best.merit.residual > accepted {
-            self.release_friction(budget);
+            self.release_friction(limit);
         }
         let residual = self.best.merit.residual;
         self.statistics.residual = residual;

@@ -1,15 +1,26 @@
 //! How objects are named and found.
 
-use std::collections::BTreeMap;
+mod parts;
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, HashMap};
 use std::fmt;
+
+use parts::{Holding, Parts};
 
 /// Objects of one type, with ids `I`, by qualified identifier, in lexicographic order.
 #[derive(Debug, Clone)]
-pub struct NameMap<I>(BTreeMap<String, I>);
+pub struct NameMap<I> {
+    objects: BTreeMap<String, I>,
+    /// The keys by what is part of them; made when a text that is no key is looked up.
+    parts: RefCell<Option<Parts>>,
+    /// For names of which there are copies, a suffix below which none is free.
+    least_free: HashMap<String, u32>,
+}
 
 impl<I> Default for NameMap<I> {
     fn default() -> Self {
-        Self(BTreeMap::new())
+        Self { objects: BTreeMap::new(), parts: RefCell::default(), least_free: HashMap::new() }
     }
 }
 
@@ -49,42 +60,51 @@ impl<I> fmt::Display for Found<I> {
 
 /// Suffixes that are tried to make a name unique.
 const MAX_SUFFIX: u32 = 100;
+/// Keys that are named where several hold a text.
+const MAX_AMBIGUOUS: usize = 5;
 
 impl<I: Copy> NameMap<I> {
     /// The suffix that makes `key` free: empty, or the first of 1, 2, … 100.
     pub fn free_suffix(&self, key: &str) -> String {
-        if !self.0.contains_key(key) {
+        if !self.objects.contains_key(key) {
             return String::new();
         }
-        (1..=MAX_SUFFIX)
+        let least = self.least_free.get(key).copied().unwrap_or(1);
+        (least..MAX_SUFFIX)
             .map(|n| n.to_string())
-            .find(|suffix| !self.0.contains_key(&format!("{key}{suffix}")))
+            .find(|suffix| !self.objects.contains_key(&format!("{key}{suffix}")))
             .unwrap_or_else(|| MAX_SUFFIX.to_string())
     }
 
     /// Enters an object under `key` and the first free suffix.
     pub fn insert(&mut self, key: &str, id: I) {
         let suffix = self.free_suffix(key);
-        self.0.insert(format!("{key}{suffix}"), id);
+        let name = format!("{key}{suffix}");
+        if let Ok(taken) = suffix.parse() {
+            self.least_free.insert(key.to_owned(), taken);
+        }
+        let is_new = !self.objects.contains_key(&name);
+        if let Some(parts) = self.parts.get_mut().as_mut().filter(|_| is_new) {
+            parts.add(&name);
+        }
+        self.objects.insert(name, id);
     }
 
     /// The object whose key is exactly `text`.
     pub fn exact(&self, text: &str) -> Option<I> {
-        self.0.get(text).copied()
+        self.objects.get(text).copied()
     }
 
     /// The object that [`find`](Self::find) finds, without saying how.
     pub fn id(&self, text: &str) -> Option<I> {
-        self.exact(text).or_else(|| {
-            let mut holding = self.0.iter().filter(|(key, _)| key.contains(text));
-            let first = holding.next()?;
-            holding.next().is_none().then_some(*first.1)
-        })
+        self.find(text).id()
     }
 
     /// Forgets the objects for which `gone` is true.
     pub fn remove(&mut self, gone: impl Fn(I) -> bool) {
-        self.0.retain(|_, id| !gone(*id));
+        self.objects.retain(|_, id| !gone(*id));
+        self.parts = RefCell::default();
+        self.least_free.clear();
     }
 
     /// The object whose key is `text`, else the only one whose key holds `text`.
@@ -92,26 +112,28 @@ impl<I: Copy> NameMap<I> {
         if let Some(id) = self.exact(text) {
             return Found::Exact(id);
         }
-        let mut holding = self.0.iter().filter(|(key, _)| key.contains(text));
-        match (holding.next(), holding.next()) {
-            (None, _) => Found::Nothing,
-            (Some((key, &id)), None) => Found::Part(id, key.clone()),
-            (Some((first, _)), Some((second, _))) => {
-                // A few are enough to see what went wrong.
-                let rest = holding.take(3).map(|(key, _)| key);
-                Found::Ambiguous([first, second].into_iter().chain(rest).cloned().collect())
-            }
+        let mut parts = self.parts.borrow_mut();
+        let parts = parts.get_or_insert_with(|| {
+            let mut parts = Parts::default();
+            self.objects.keys().for_each(|key| parts.add(key));
+            parts
+        });
+        match parts.holding(text) {
+            Holding::Nothing => Found::Nothing,
+            Holding::One(key) => self.exact(&key).map_or(Found::Nothing, |id| Found::Part(id, key)),
+            // A few are enough to see what went wrong.
+            Holding::Several(keys) => Found::Ambiguous(keys.into_iter().take(MAX_AMBIGUOUS).collect()),
         }
     }
 
     /// Keys in lexicographic order.
     pub fn keys(&self) -> impl Iterator<Item = &str> {
-        self.0.keys().map(String::as_str)
+        self.objects.keys().map(String::as_str)
     }
 
     /// Keys and objects in lexicographic order.
     pub fn iter(&self) -> impl Iterator<Item = (&str, I)> {
-        self.0.iter().map(|(key, &id)| (key.as_str(), id))
+        self.objects.iter().map(|(key, &id)| (key.as_str(), id))
     }
 }
 
