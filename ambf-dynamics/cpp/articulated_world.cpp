@@ -128,6 +128,19 @@ void ArticulatedWorld::integrateTransforms(btScalar h) {
   for (AmbConstraint *constraint : external_constraints) constraint->external_rows->write_feedback(h);
 }
 
+void ArticulatedWorld::restore_order(AmbConstraint *const *constraints, int n) {
+  const auto is_earlier = [](const btCollisionObject *a, const btCollisionObject *b) {
+    return object_of(a)->index < object_of(b)->index;
+  };
+  m_collisionObjects.quickSort(is_earlier);
+  for (int i = 0; i < m_collisionObjects.size(); ++i) m_collisionObjects[i]->setWorldArrayIndex(i);
+  m_nonStaticRigidBodies.quickSort(is_earlier);
+  m_constraints.resize(0);
+  for (int i = 0; i < n; ++i) {
+    if (constraints[i]) m_constraints.push_back(constraints[i]->constraint.get());
+  }
+}
+
 bool acts_on_link(const AmbConstraint &constraint) {
   return first_of(constraint).articulation || second_of(constraint).articulation;
 }
@@ -170,4 +183,8 @@ void remove_external_constraint(AmbWorld &world, AmbConstraint &constraint) {
     --body->articulation->external_constraint_count;
   }
   constraint.external_rows.reset();
+}
+
+extern "C" void amb_world_restore_order(AmbWorld *world, AmbConstraint *const *constraints, int n) {
+  world->articulated->restore_order(constraints, n);
 }

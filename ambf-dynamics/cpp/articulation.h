@@ -174,6 +174,8 @@ class ArticulatedWorld : public LazyWorld<btMultiBodyDynamicsWorld> {
   void predictUnconstraintMotion(btScalar h) override;
   void solveExternalForces(btContactSolverInfo &info) override;
   void integrateTransforms(btScalar h) override;
+  // See amb_world_restore_order.
+  void restore_order(AmbConstraint *const *constraints, int n);
 
   Vector<AmbArticulation *> articulations;
   // Constraints on links that are not joints of the link's articulation.

@@ -312,8 +312,10 @@ int amb_constraint_set_soft_motor(AmbConstraint *constraint, double velocity, do
 }
 
 void amb_constraint_clear_soft_motor(AmbConstraint *constraint) {
-  if (constraint->motor.enabled) activate_bodies(*constraint);
-  constraint->motor.enabled = false;
+  SoftMotor &motor = constraint->motor;
+  if (motor.enabled) activate_bodies(*constraint);
+  motor.enabled = false;
+  motor.velocity = motor.max_force = motor.rows.softness[0] = 0;
 }
 
 int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]) {

@@ -77,6 +77,12 @@ bool EngineWorld::pose_set(AmbBody &body) {
 
 void EngineWorld::body_leaves(AmbBody &body) { drop_drive(world, body); }
 
+void EngineWorld::body_reset(AmbBody &body) {
+  amb_body_clear_drive(&body);
+  drop_drive(world, body);
+  static_cast<BodyMemory &>(body) = {};
+}
+
 bool EngineWorld::add_constraint(AmbConstraint &constraint) {
   if (!acts_on_link(constraint)) return false;
   add_external_constraint(world, constraint);
@@ -96,8 +102,21 @@ bool EngineWorld::read_coordinate(const AmbConstraint &constraint, btScalar &coo
 }
 
 void EngineWorld::recovered() {
+  accurate.recent_turn_rate = 0;
+  sub_step = 0;
+  // The energy of the state that was left has no relation to that of the new one.
+  if (ledger.enabled) ledger.start(*this);
   if (!world.articulated) return;
   for (AmbConstraint *constraint : world.articulated->external_constraints) constraint->external_rows->reset();
+  const btVector3 zero(0, 0, 0);
+  for (AmbArticulation *articulation : world.articulated->articulations) {
+    for (AmbArticulation::Member &member : articulation->members) {
+      btRigidBody &body = member.body->body;
+      body.setInterpolationWorldTransform(body.getWorldTransform());
+      body.setInterpolationLinearVelocity(zero);
+      body.setInterpolationAngularVelocity(zero);
+    }
+  }
 }
 
 btScalar spring_coordinate(AmbConstraint &c) { return axis_reading(c, moves_about_z(c)); }

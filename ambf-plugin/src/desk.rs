@@ -2,10 +2,12 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU8, Ordering};
 use std::sync::{Arc, OnceLock};
+use std::time::Instant;
 
 use crossbeam_channel::{bounded, Receiver, Sender};
 use parking_lot::Mutex;
 
+use super::asked::Asked;
 use super::drawing::{check, Sheet};
 use super::traits::Services;
 use super::{Command, CommandError, Drawing, Drawings, StateSnapshot};
@@ -20,7 +22,7 @@ const COMMANDS: usize = 4096;
 #[derive(Default)]
 pub struct Requests {
     /// A plugin wants the world to be reset.
-    pub reset_world: AtomicBool,
+    pub reset_world: Asked,
     /// A plugin wants all rigid bodies to be reset.
     pub reset_bodies: AtomicBool,
     /// 0 nothing, 1 pause, 2 resume.
@@ -51,7 +53,7 @@ impl Requests {
     /// Keeps a request; `false` if the command is none.
     pub fn keep(&self, command: &Command) -> bool {
         match *command {
-            Command::ResetWorld => self.reset_world.store(true, Ordering::Release),
+            Command::ResetWorld => self.reset_world.ask(),
             Command::ResetBodies => self.reset_bodies.store(true, Ordering::Release),
             Command::Pause(pause) => self.pause.store(if pause { 1 } else { 2 }, Ordering::Release),
             Command::Step(steps) => {
@@ -63,14 +65,14 @@ impl Requests {
     }
 }
 
-/// Commands and the numbers of the plugins that left them.
-type Posted = (Sender<(u64, Command)>, Receiver<(u64, Command)>);
+/// Commands, the numbers of the plugins that left them, and when.
+type Posted = (Sender<(u64, Instant, Command)>, Receiver<(u64, Instant, Command)>);
 
 /// What all plugins of a simulation share.
 pub struct Shared {
     /// 8 kB, taken as `commands`.
     lines: OnceLock<(Sender<String>, Receiver<String>)>,
-    /// 360 kB, taken when the first plugin is loaded: most of the hundreds of worlds that learners have are without any.
+    /// 430 kB, taken when the first plugin is loaded: most of the hundreds of worlds that learners have are without any.
     commands: OnceLock<Posted>,
     /// Requests to the loop around the simulation.
     pub requests: Requests,
@@ -114,9 +116,9 @@ impl Shared {
         self.lines.get().into_iter().flat_map(|(_, said)| said.try_iter())
     }
 
-    /// Commands that wait now, oldest first, with the numbers of the plugins that left them: a plugin that posts without
-    /// end holds nothing up.
-    pub fn posted(&self) -> impl Iterator<Item = (u64, Command)> + '_ {
+    /// Commands that wait now, oldest first, with the numbers of the plugins that left them and the times: a plugin that
+    /// posts without end holds nothing up.
+    pub fn posted(&self) -> impl Iterator<Item = (u64, Instant, Command)> + '_ {
         self.commands.get().into_iter().flat_map(|(_, posted)| posted.try_iter().take(posted.len()))
     }
 }
@@ -172,7 +174,7 @@ impl Services for Desk {
         if self.shared.requests.keep(command) {
             return Ok(());
         }
-        self.shared.commands().0.try_send((self.number, *command)).map_err(|_| CommandError::Full)
+        self.shared.commands().0.try_send((self.number, Instant::now(), *command)).map_err(|_| CommandError::Full)
     }
 
     fn snapshot(&self, out: &mut StateSnapshot) -> bool {
@@ -208,9 +210,9 @@ mod tests {
         }
         let nan = Command::Wrench { body: 0, force: Vector3::repeat(f64::NAN), torque: Vector3::zeros() };
         assert_eq!(desk.post(&nan), Err(CommandError::NotFinite));
-        assert_eq!(shared.posted().collect::<Vec<_>>(), [(7, wrench)]);
+        assert_eq!(shared.posted().map(|(plugin, _, command)| (plugin, command)).collect::<Vec<_>>(), [(7, wrench)]);
         let requests = &shared.requests;
-        assert!(requests.reset_world.load(Ordering::Relaxed) && !requests.reset_bodies.load(Ordering::Relaxed));
+        assert!(requests.reset_world.take().is_some() && !requests.reset_bodies.load(Ordering::Relaxed));
         assert_eq!((requests.take_pause(), requests.take_steps()), (Some(true), 7));
         assert_eq!((requests.take_pause(), requests.take_steps()), (None, 0));
         for _ in 0..COMMANDS {

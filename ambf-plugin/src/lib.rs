@@ -22,6 +22,7 @@
 struct Guide;
 
 pub mod abi;
+mod asked;
 mod command;
 mod desk;
 mod drawing;
@@ -68,6 +69,7 @@ pub use view::View;
 
 /// What a program needs that runs plugins.
 pub mod run {
+    pub use crate::asked::Asked;
     pub use crate::desk::{Incoming, Requests, Shared};
     pub use crate::host::{Phase, Plugins, Wanted};
     pub use crate::view::{Access, TextOf};

@@ -3,7 +3,7 @@
 //!
 //! `#> step 0.001` is the sub-step and `#> span 2` the simulated time, s. A line with `|` is a command as
 //! `ambf_batch --commands` takes it, `first|last|kind|body|numbers`, of kind `J`, `WR`, `TW` or `POSE`; further
-//! kinds, which that program does not know, are `RESET` (no body; 0 bodies, 1 world, 2 thorough) and `HOLD` (an
+//! kinds, which that program does not know, are `RESET` (no body; 0 bodies, others world) and `HOLD` (an
 //! actuator by index in place of a body; name of the body that it holds from now on, or `-`: it lets go).
 
 use std::fmt::Write;
@@ -25,7 +25,7 @@ pub enum Action {
     Twist(BodyId, Vector3<f64>, Vector3<f64>),
     /// Body; position of the body frame, m, and its orientation as a quaternion `[x, y, z, w]`.
     Pose(BodyId, Vector3<f64>, [f64; 4]),
-    /// 0 bodies, 1 world, 2 thorough.
+    /// 0 bodies, others world.
     Reset(u8),
     /// Actuator, body.
     Hold(ActuatorId, Option<BodyId>),
@@ -92,8 +92,7 @@ impl Script {
                 Action::Twist(body, linear, angular) => simulation.set_velocity(body, linear, angular),
                 Action::Pose(body, position, orientation) => simulation.follow_pose(body, position, orientation),
                 Action::Reset(0) => simulation.reset_bodies(),
-                Action::Reset(1) => simulation.reset_world(),
-                Action::Reset(_) => simulation.reset_thoroughly(),
+                Action::Reset(_) => simulation.reset_world(),
                 Action::Hold(actuator, body) => {
                     let name = body.map(|body| simulation.scene().bodies[body].identity.key());
                     let command = ActuatorCommand {

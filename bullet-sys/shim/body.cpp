@@ -56,8 +56,25 @@ void amb_body_set_pose(AmbBody *body, const double pose[12]) {
     set_pose(*body->world, *body, transform);
   } else {
     body->body.setWorldTransform(transform);
-    body->motion.setWorldTransform(transform);
+    body->motion.place(transform);
   }
+}
+
+void amb_body_reset(AmbBody *body, const double pose[12], const double *gravity) {
+  btRigidBody &rigid = body->body;
+  const btVector3 zero(0, 0, 0);
+  rigid.clearForces();
+  rigid.setLinearVelocity(zero);
+  rigid.setAngularVelocity(zero);
+  if (!rigid.isStaticObject() && (gravity || body->world))
+    rigid.setGravity(gravity ? vector_of(gravity) : body->world->world->getGravity());
+  amb_body_set_pose(body, pose);
+  if (!body->world) return;
+  if (Extension *extension = body->world->extension.get()) {
+    extension->velocity_set(*body);
+    extension->body_reset(*body);
+  }
+  set_sleeping_thresholds(*body->world, *body);
 }
 
 void amb_body_pose(const AmbBody *body, double pose[12]) { write_pose(body->body.getWorldTransform(), pose); }

@@ -22,6 +22,9 @@ void amb_body_clear_forces(AmbBody *body);
 void amb_body_set_velocity(AmbBody *body, const double linear[3], const double angular[3]);
 /* Sets world transform, interpolation transform and motion state. */
 void amb_body_set_pose(AmbBody *body, const double pose[12]);
+/* At rest at a pose, with the gravity (m/s^2; null: the world's), and with no memory of what acted on the body. The broad
+   phase and contacts follow with amb_world_recover. */
+void amb_body_reset(AmbBody *body, const double pose[12], const double *gravity);
 /* True world transform of the inertial frame, not interpolated. */
 void amb_body_pose(const AmbBody *body, double pose[12]);
 /* Pose from the motion state. */

@@ -197,6 +197,18 @@ void amb_constraint_feedback(const AmbConstraint *constraint, double out[12]) {
   write_vector(feedback.m_appliedTorqueBodyB, out + 9);
 }
 
+void amb_constraints_recover(AmbConstraint *const *constraints, int n) {
+  const btVector3 zero(0, 0, 0);
+  for (int i = 0; i < n; ++i) {
+    if (!constraints[i]) continue;
+    AmbConstraint &owner = *constraints[i];
+    owner.constraint->setEnabled(true);
+    owner.constraint->internalSetAppliedImpulse(0);
+    owner.motor.rows.forget();
+    if (owner.feedback) *owner.feedback = {zero, zero, zero, zero};
+  }
+}
+
 void amb_constraints_refresh(AmbConstraint *const *constraints, int n) {
   for (int i = 0; i < n; ++i) {
     if (!constraints[i] || constraints[i]->kind != Kind::Slider) continue;

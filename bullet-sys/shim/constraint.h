@@ -54,6 +54,9 @@ void amb_constraint_enable_feedback(AmbConstraint *constraint);
 /* Force on A, torque on A, force on B, torque on B (12), world axes, of the last sub-step; zero without feedback. */
 void amb_constraint_feedback(const AmbConstraint *constraint, double out[12]);
 
+/* Forgets the impulses of the last sub-steps, and enables constraints that Bullet disabled because these were not finite.
+   Null entries are skipped. */
+void amb_constraints_recover(AmbConstraint *const *constraints, int n);
 /* Updates the positions of sliders, which Bullet computes during the solver's pass only, to the present poses. Null
    entries are skipped. */
 void amb_constraints_refresh(AmbConstraint *const *constraints, int n);

@@ -7,6 +7,7 @@
 #ifndef AMB_EXTENSION_H
 #define AMB_EXTENSION_H
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 
@@ -56,6 +57,8 @@ class Extension {
   virtual bool pose_set(AmbBody &body) = 0;
   // A body is about to leave the world.
   virtual void body_leaves(AmbBody &body) = 0;
+  // A body is reset: nothing is left of what acted on it and of its motion.
+  virtual void body_reset(AmbBody &body) = 0;
   // A constraint is added, or about to be removed. Returns whether the engine holds it instead of Bullet's world.
   virtual bool add_constraint(AmbConstraint &constraint) = 0;
   virtual bool remove_constraint(AmbConstraint &constraint) = 0;
@@ -109,14 +112,11 @@ struct TurnGroup {
   bool is_anchored = false, is_held = false;
 };
 
-// Data of the engine for each body.
-struct EngineBody {
+// What the engine remembers of the motion of a body: a reset forgets it all.
+struct BodyMemory {
   // Number of the sub-step in which the body was last in contact; maintained by AmbIntegrator_Ballistic and _RungeKutta
   // only.
   uint64_t contact_sub_step = 0;
-  // The articulation of which the body is a link, and its index in `members`.
-  AmbArticulation *articulation = nullptr;
-  int member = 0;
   // Length of the last sub-step in which constraints acted on the body, s; 0: none since its pose was set. And the change
   // of angular velocity in it by everything but the gyroscopic torque, rad/s. See the engine's second_order.h.
   btScalar last_sub_step = 0;
@@ -129,7 +129,7 @@ struct EngineBody {
   // Up to which residual impulses of the last sub-step are accepted as those of an island, kept by its first body; see
   // ambf_mlcp.h.
   double guess_tolerance = 0;
-  SubStepStart start;
+  SubStepStart start{btTransform::getIdentity(), {0, 0, 0}, {0, 0, 0}};
   // Number of the sub-step in which the body was last integrated as a free body.
   uint64_t free_flight_sub_step = 0;
   // For the energy ledger only: time by which the pose is ahead of the velocity, s; share of this sub-step for which
@@ -138,13 +138,20 @@ struct EngineBody {
   btScalar pose_lead = 0;
   btScalar force_share = 1;
   btVector3 solved_velocity[2] = {{0, 0, 0}, {0, 0, 0}};
+  // Index of its impact while those of a sub-step are found; -1: none.
+  int impact = -1;
+  TurnGroup turn_group;
+};
+
+// Data of the engine for each body.
+struct EngineBody : BodyMemory {
+  // The articulation of which the body is a link, and its index in `members`.
+  AmbArticulation *articulation = nullptr;
+  int member = 0;
   // Six rows that drive the body. Created when they are first needed, destroyed when the body leaves its world.
   std::unique_ptr<btTypedConstraint> drive;
   // Radius, m, of the sphere that is swept when the body moves further than that in a sub-step; 0: never.
   btScalar swept_radius = 0;
-  // Index of its impact while those of a sub-step are found; -1: none.
-  int impact = -1;
-  TurnGroup turn_group;
 };
 
 // The user pointer of constraints that can be driven, that are springs, or of which rows are left out points at their
@@ -161,6 +168,13 @@ struct SoftRows {
   int guesses = 0;
   unsigned guessed_after = 0;
   btScalar guess[MAX_GUESSES] = {};
+
+  void forget() {
+    guesses = 0;
+    guessed_after = 0;
+    std::fill(guess, guess + MAX_GUESSES, 0);
+  }
+
   // Bit k is set if row k was left out of a joint and holds in this sub-step because its error exceeds the clearance; see
   // the engine's exact_rows.h.
   unsigned beyond_clearance = 0;

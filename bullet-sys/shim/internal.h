@@ -129,6 +129,31 @@ struct AmbGhost : AmbObject {
   btPairCachingGhostObject ghost;
 };
 
+// A copy of a bounding-volume tree: its shape decides in which order contacts are found.
+class TreeCopy {
+ public:
+  void take(const btDbvt &tree);
+  // Makes `tree` such a tree; `relink` is called with each leaf.
+  template <typename Relink>
+  void give(btDbvt &tree, Relink relink) const;
+  bool is_empty() const { return nodes_.empty(); }
+
+ private:
+  // In the order in which parents come before their children.
+  struct Node {
+    btDbvtVolume volume;
+    // Of a leaf.
+    void *data;
+    // Index of the parent, and whether it is the second child.
+    int parent;
+    bool is_second, is_leaf;
+  };
+
+  Vector<Node> nodes_;
+  int leaves_ = 0, lookahead_ = -1;
+  unsigned path_ = 0;
+};
+
 struct AmbSoft : AmbObject {
   struct Pull {
     int node;
@@ -141,8 +166,17 @@ struct AmbSoft : AmbObject {
   }
 
   btSoftBody body;
-  // Positions of the nodes when the body was added, m.
-  Vector<btVector3> initial;
+  // What changes of the body, as it was when it was added.
+  struct Start {
+    // Positions of the nodes, m.
+    Vector<btVector3> positions;
+    Vector<btSoftBody::Cluster> clusters;
+    btSoftBody::SolverState solver;
+    btVector3 centre{0, 0, 0}, bounds[2] = {{0, 0, 0}, {0, 0, 0}};
+    btMatrix3x3 rotation, scale;
+    TreeCopy nodes, faces, cluster_tree;
+  };
+  Start start;
   Vector<Pull> pulls;
   // Applied in every sub-step of the next step, N.
   btVector3 force{0, 0, 0};
@@ -198,6 +232,8 @@ struct Stepper {
   virtual int begin(btScalar interval, int most, btScalar sub_step) = 0;
   virtual void advance(btScalar sub_step) = 0;
   virtual void finish() = 0;
+  // Forgets the time that is left of the last step.
+  virtual void forget_time() = 0;
 };
 
 // Whether a shape has no extent: it takes part in no collision, and no ray hits it.

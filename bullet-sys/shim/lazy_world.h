@@ -41,6 +41,12 @@ class LazyMotionState final : public btMotionState {
     state.getWorldTransform(transform);
   }
 
+  // As at the construction, to the sign of zeros.
+  void place(const btTransform &transform) {
+    state.m_graphicsWorldTrans = transform;
+    if (clock) seen = clock->due;
+  }
+
   void setWorldTransform(const btTransform &transform) override {
     state.setWorldTransform(transform);
     if (clock) seen = clock->due;
@@ -125,7 +131,7 @@ class LazyWorld : public World {
     }
   }
 
- private:
+ protected:
   MotionClock &clock;
   Places constraint_places;
 };

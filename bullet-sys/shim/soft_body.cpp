@@ -135,8 +135,55 @@ void after_soft_step(AmbWorld &world) {
   each_soft(world, [](AmbSoft &soft) { soft.force.setZero(); });
 }
 
+void TreeCopy::take(const btDbvt &tree) {
+  leaves_ = tree.m_leaves;
+  lookahead_ = tree.m_lkhd;
+  path_ = tree.m_opath;
+  nodes_.clear();
+  if (!tree.m_root) return;
+  Vector<const btDbvtNode *> originals{tree.m_root};
+  nodes_.push_back({tree.m_root->volume, nullptr, -1, false, tree.m_root->isleaf()});
+  for (size_t i = 0; i < originals.size(); ++i) {
+    const btDbvtNode &original = *originals[i];
+    if (original.isleaf()) {
+      nodes_[i].data = original.data;
+      continue;
+    }
+    for (int k = 0; k < 2; ++k) {
+      const btDbvtNode &child = *original.childs[k];
+      nodes_.push_back({child.volume, nullptr, static_cast<int>(i), k == 1, child.isleaf()});
+      originals.push_back(&child);
+    }
+  }
+}
+
+template <typename Relink>
+void TreeCopy::give(btDbvt &tree, Relink relink) const {
+  tree.clear();
+  Vector<btDbvtNode *> made;
+  for (const Node &node : nodes_) {
+    // As btDbvt makes its nodes, which it frees.
+    auto *copy = new (btAlignedAlloc(sizeof(btDbvtNode), 16)) btDbvtNode;
+    copy->volume = node.volume;
+    copy->childs[0] = copy->childs[1] = nullptr;
+    copy->parent = node.parent < 0 ? nullptr : made[node.parent];
+    if (copy->parent) {
+      copy->parent->childs[node.is_second] = copy;
+    } else {
+      tree.m_root = copy;
+    }
+    if (node.is_leaf) {
+      copy->data = node.data;
+      relink(copy);
+    }
+    made.push_back(copy);
+  }
+  tree.m_leaves = leaves_;
+  tree.m_lkhd = lookahead_;
+  tree.m_opath = path_;
+}
+
 void prepare_soft_rays(AmbWorld &world) {
-  if (world.has_rays) return;
   world.has_rays = true;
   each_soft(world, [](AmbSoft &soft) { build_face_tree(soft.body); });
 }
@@ -283,13 +330,23 @@ double amb_soft_volume(const AmbSoft *soft) { return soft->body.getVolume(); }
 
 void amb_world_add_soft(AmbWorld *world, AmbSoft *soft, AmbHandle handle) {
   btSoftBody &body = soft->body;
-  for (int i = 0; i < body.m_nodes.size(); ++i) soft->initial.push_back(body.m_nodes[i].m_x);
   // Bullet would do this in the first sub-step, and would build the face tree in its own way.
   body.updateConstants();
   body.m_bUpdateRtCst = false;
   if (world->has_rays || (body.m_cfg.collisions & btSoftBody::fCollision::VF_SS)) build_face_tree(body);
   world->adopt(*soft, nullptr, handle);
   world->soft->addSoftBody(&body);
+  AmbSoft::Start &start = soft->start;
+  for (int i = 0; i < body.m_nodes.size(); ++i) start.positions.push_back(body.m_nodes[i].m_x);
+  for (int i = 0; i < body.m_clusters.size(); ++i) start.clusters.push_back(*body.m_clusters[i]);
+  start.solver = body.m_sst;
+  start.centre = body.m_pose.m_com;
+  start.rotation = body.m_pose.m_rot;
+  start.scale = body.m_pose.m_scl;
+  for (int i = 0; i < 2; ++i) start.bounds[i] = body.m_bounds[i];
+  start.nodes.take(body.m_ndbvt);
+  start.faces.take(body.m_fdbvt);
+  start.cluster_tree.take(body.m_cdbvt);
 }
 
 void amb_world_remove_soft(AmbWorld *world, AmbSoft *soft) {
@@ -370,28 +427,36 @@ int amb_soft_first_lost(const AmbSoft *soft) {
 
 void amb_soft_restore(AmbSoft *soft) {
   btSoftBody &body = soft->body;
+  const AmbSoft::Start &start = soft->start;
   const btVector3 zero(0, 0, 0);
-  const btScalar margin = body.getCollisionShape()->getMargin();
+  clear_contacts(body);
   for (int i = 0; i < body.m_nodes.size(); ++i) {
     btSoftBody::Node &node = body.m_nodes[i];
-    node.m_x = node.m_q = soft->initial[i];
-    node.m_v = node.m_vn = node.m_f = zero;
-    btDbvtVolume volume = btDbvtVolume::FromCR(node.m_x, margin);
-    body.m_ndbvt.update(node.m_leaf, volume);
+    node.m_x = node.m_q = start.positions[i];
+    node.m_v = node.m_vn = node.m_f = node.m_splitv = zero;
   }
-  if (!body.m_fdbvt.empty()) {
-    for (int i = 0; i < body.m_faces.size(); ++i) {
-      btDbvtVolume volume = volume_of(body.m_faces[i]);
-      body.m_fdbvt.update(body.m_faces[i].m_leaf, volume);
-    }
-  }
-  clear_contacts(body);
-  soft->force = zero;
+  start.nodes.give(body.m_ndbvt,
+                   [](btDbvtNode *leaf) { static_cast<btSoftBody::Node *>(leaf->data)->m_leaf = leaf; });
+  // A tree that rays have needed since is made again for the next ray.
+  for (int i = 0; i < body.m_faces.size(); ++i) body.m_faces[i].m_leaf = nullptr;
+  start.faces.give(body.m_fdbvt,
+                   [](btDbvtNode *leaf) { static_cast<btSoftBody::Face *>(leaf->data)->m_leaf = leaf; });
+  for (int i = 0; i < body.m_clusters.size(); ++i) *body.m_clusters[i] = start.clusters[i];
+  start.cluster_tree.give(body.m_cdbvt,
+                          [](btDbvtNode *leaf) { static_cast<btSoftBody::Cluster *>(leaf->data)->m_leaf = leaf; });
+  body.m_sst = start.solver;
+  body.m_pose.m_com = start.centre;
+  body.m_pose.m_rot = start.rotation;
+  body.m_pose.m_scl = start.scale;
+  for (int i = 0; i < 2; ++i) body.m_bounds[i] = start.bounds[i];
+  body.m_softSoftCollision = false;
   body.updateNormals();
-  body.updateBounds();
-  body.updatePose();
-  body.updateClusters();
   body.forceActivationState(ACTIVE_TAG);
+  soft->pulls.clear();
+  soft->force = zero;
+  soft->checked = soft->sound = soft->left_patch = false;
+  soft->patch_center = zero;
+  soft->patch_radius = 0;
 }
 
 void amb_soft_apply_force(AmbSoft *soft, const double force[3]) { soft->force += vector_of(force); }

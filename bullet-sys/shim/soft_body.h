@@ -55,8 +55,8 @@ int amb_soft_nearest_face(const AmbSoft *soft, const double point[3], double rad
    has disabled the soft body because it is larger than 10^6 m; else -1. */
 int amb_soft_first_lost(const AmbSoft *soft);
 
-/* Sets the nodes to their positions when the body was added, at rest and without contacts. Anchors and pulls are kept.
- */
+/* The state when the body was added to its world: at rest, without contacts, forces and pulls. Anchors are kept. The broad
+   phase follows with amb_world_recover. */
 void amb_soft_restore(AmbSoft *soft);
 /* Force, N, distributed over the nodes in proportion to mass, in every sub-step of the next step. */
 void amb_soft_apply_force(AmbSoft *soft, const double force[3]);

@@ -54,6 +54,12 @@ struct SubsteppedWorld : Base, Stepper {
     this->synchronizeMotionStates();
   }
 
+  void forget_time() override {
+    this->m_localTime = 0;
+    this->clock.offset = 0;
+    idle = true;
+  }
+
   void finish() override {
     if (idle) this->synchronizeMotionStates();
     this->clearForces();

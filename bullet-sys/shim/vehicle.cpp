@@ -40,10 +40,6 @@ AmbVehicle *amb_vehicle_new(AmbWorld *world, AmbBody *chassis, const AmbWheel *w
     info.m_wheelsDampingCompression = wheel.damping_compression;
     info.m_frictionSlip = wheel.friction_slip;
     info.m_rollInfluence = wheel.roll_influence;
-    // Bullet initialises these in the first sub-step only.
-    info.m_raycastInfo.m_groundObject = nullptr;
-    info.m_wheelsSuspensionForce = 0;
-    info.m_skidInfo = 1;
   }
   amb_vehicle_reset(owner);
   prepare_soft_rays(*world);
@@ -78,6 +74,10 @@ void amb_vehicle_reset(AmbVehicle *vehicle) {
     btWheelInfo &wheel = vehicle->vehicle.getWheelInfo(i);
     wheel.m_rotation = 0;
     wheel.m_deltaRotation = 0;
+    // Bullet initialises these in the first sub-step only.
+    wheel.m_raycastInfo.m_groundObject = nullptr;
+    wheel.m_wheelsSuspensionForce = 0;
+    wheel.m_skidInfo = 1;
   }
   vehicle->vehicle.resetSuspension();
   for (int i = 0; i < vehicle->vehicle.getNumWheels(); ++i) vehicle->vehicle.updateWheelTransform(i, false);

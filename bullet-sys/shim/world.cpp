@@ -242,8 +242,9 @@ void amb_world_recover(AmbWorld *world) {
   btCollisionObjectArray &objects = world->world->getCollisionObjectArray();
   for (int i = 0; i < objects.size(); ++i) {
     btCollisionObject *object = objects[i];
-    object->forceActivationState(DISABLE_DEACTIVATION);
     AmbBody *body = body_of(object);
+    // Only bodies are put to sleep.
+    object->forceActivationState(body ? DISABLE_DEACTIVATION : ACTIVE_TAG);
     if (body && object == &body->body) {
       body->motion.pose();
       set_activation_state(*world, *body);
@@ -255,6 +256,8 @@ void amb_world_recover(AmbWorld *world) {
     object->setInterpolationAngularVelocity(btVector3(0, 0, 0));
   }
   rebuild_broadphase(*world);
+  world->stepper->forget_time();
+  world->contact_impulse_scale = 1;
   world->solver->reset();
   if (world->extension) world->extension->recovered();
 }

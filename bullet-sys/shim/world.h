@@ -63,8 +63,9 @@ int amb_world_step(AmbWorld *world, double interval, int max_sub_steps, double s
 int amb_world_begin_step(AmbWorld *world, double interval, int max_sub_steps, double sub_step);
 void amb_world_advance(AmbWorld *world, double length, double sub_step);
 void amb_world_finish_step(AmbWorld *world);
-/* Discards contacts and warm-starting impulses, and reactivates bodies that Bullet disabled because their state was not
-   finite. Poses and velocities must have been set to finite values before. */
+/* Discards contacts, warm-starting impulses, the time that is left of the last step and all else that is remembered of the
+   motion, and reactivates bodies that Bullet disabled because their state was not finite. Poses and velocities must have
+   been set to finite values before. */
 void amb_world_recover(AmbWorld *world);
 /* Number of pairs of objects whose bounding boxes overlap, without those that are apart for good. */
 int amb_world_pair_count(const AmbWorld *world);

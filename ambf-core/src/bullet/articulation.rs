@@ -42,6 +42,12 @@ impl World {
     /// between itself and the base, with which a contact would cost more than with constraints; or when there are
     /// vehicles, whose wheels do not detect links.
     pub fn articulate(&mut self, constraints: &[ConstraintHandle]) -> Option<ArticulationHandle> {
+        let handle = self.make_articulation(constraints)?;
+        self.trees.push(constraints.to_vec());
+        Some(handle)
+    }
+
+    fn make_articulation(&mut self, constraints: &[ConstraintHandle]) -> Option<ArticulationHandle> {
         let _arena = self.enter();
         if !self.has_articulations || !self.vehicles.is_empty() {
             return None;
@@ -74,6 +80,13 @@ impl World {
     /// Makes the bodies and constraints of an articulation rigid bodies and constraints again, with their present poses
     /// and velocities. False when the handle is stale.
     pub fn dissolve(&mut self, handle: ArticulationHandle) -> bool {
+        let Some(articulation) = self.articulations.get(handle) else { return false };
+        let is_of_it = |joint: &ConstraintHandle| articulation.joints.contains(joint);
+        self.trees.retain(|tree| !tree.iter().any(is_of_it));
+        self.dissolve_until_restart(handle)
+    }
+
+    fn dissolve_until_restart(&mut self, handle: ArticulationHandle) -> bool {
         let _arena = self.enter();
         let Some(articulation) = self.articulations.remove(handle) else { return false };
         // SAFETY: the world, the articulation, its bodies and constraints are alive; no pointer to the articulation is
@@ -101,7 +114,7 @@ impl World {
         let is_external = matches!(kind, ConstraintKind::Fixed | ConstraintKind::PointToPoint);
         if !is_external || of[0] == of[1] {
             of.into_iter().flatten().for_each(|handle| {
-                self.dissolve(handle);
+                self.dissolve_until_restart(handle);
             });
         }
     }
@@ -109,8 +122,33 @@ impl World {
     /// Dissolves all articulations.
     pub(super) fn dissolve_all(&mut self) {
         for handle in self.articulations.keys().collect::<Vec<_>>() {
-            self.dissolve(handle);
+            self.dissolve_until_restart(handle);
         }
+    }
+
+    /// Begins a restart: no body is a link until [`finish_restart`](Self::finish_restart), so that each can be put where
+    /// it is to be. Handles of articulations are stale.
+    pub fn begin_restart(&mut self) {
+        self.dissolve_all();
+    }
+
+    /// Ends a restart, after all bodies were [reset](Self::reset_body) and the constraints that came since the start were
+    /// removed: articulations are made again as they were at the start, also those that other constraints had dissolved,
+    /// and nothing is remembered, as after [`recover`](Self::recover).
+    pub fn finish_restart(&mut self) {
+        if self.has_articulations {
+            let _arena = self.enter();
+            let (list, n) = (self.constraint_list.as_ptr(), self.constraint_list.len() as i32);
+            // SAFETY: the world is alive; the list holds constraints of this world and null only, none of which is a joint
+            // of an articulation.
+            unsafe { sys::amb_world_restore_order(self.raw.as_ptr(), list, n) }
+        }
+        for tree in std::mem::take(&mut self.trees) {
+            // What is not possible any more, because the scene has changed, stays dissolved.
+            let _ = self.make_articulation(&tree);
+            self.trees.push(tree);
+        }
+        self.recover();
     }
 
     fn spanning_tree(&self, constraints: &[ConstraintHandle]) -> Option<SpanningTree> {

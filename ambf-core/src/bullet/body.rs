@@ -271,6 +271,17 @@ impl World {
         }
     }
 
+    /// Puts a body at a pose (true pose of the inertial frame) at rest, with its own gravity (m/s²) or else the world's, and
+    /// lets it forget what acted on it. To be followed by [`recover`](Self::recover).
+    pub fn reset_body(&mut self, handle: BodyHandle, pose: &Isometry3<f64>, gravity: Option<&Vector3<f64>>) {
+        let _arena = self.enter();
+        if let Some(body) = self.raw_body(handle) {
+            let gravity = gravity.map_or(std::ptr::null(), |gravity| gravity.as_ptr());
+            // SAFETY: the body is alive; 12 doubles are read, and three or null.
+            unsafe { sys::amb_body_reset(body, raw_pose(pose).as_ptr(), gravity) }
+        }
+    }
+
     /// Sets the gravity of one body, m/s².
     pub fn set_body_gravity(&mut self, handle: BodyHandle, gravity: &Vector3<f64>) {
         if let Some(body) = self.raw_body(handle) {

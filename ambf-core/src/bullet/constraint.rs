@@ -368,6 +368,7 @@ impl World {
             self.dissolve(articulation);
         }
         let Some(constraint) = self.constraints.remove(handle) else { return false };
+        self.trees.retain(|tree| !tree.contains(&handle));
         for body in constraint.bodies {
             self.bodies[body].constraint_count -= 1;
         }

@@ -8,7 +8,7 @@ use super::contact::fill;
 use super::{raw_pose, BodyHandle, GhostHandle, Shape, World};
 
 pub(super) struct OwnedGhost {
-    raw: NonNull<sys::AmbGhost>,
+    pub(super) raw: NonNull<sys::AmbGhost>,
     /// Kept alive for the ghost; freed after it.
     _shape: Shape,
 }

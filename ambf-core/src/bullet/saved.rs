@@ -102,6 +102,7 @@ impl World {
             body_list: _,
             body_order: _,
             structure,
+            trees: _,
             // Set when the world is made.
             solver: _,
             has_soft_bodies: _,
@@ -171,6 +172,41 @@ impl World {
             (body.constraint_count, body.articulation) = (held, articulation);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+impl World {
+    /// The 64-bit words in the memory of the world itself, and of each of its bodies, constraints, soft bodies and ghosts:
+    /// numbers, counters and pointers, without what pointers lead to.
+    pub(crate) fn words(&self) -> Vec<(String, Vec<u64>)> {
+        let arena = self.arena.as_ref().expect("savable");
+        let bytes = arena.copy();
+        let half = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"));
+        let word = |at: usize| u64::from(half(at)) | u64::from(half(at + 4)) << 32;
+        // See arena.cpp: before an object stand its size class, its offset and, with the lowest bit set, the address of the
+        // arena. The world is the first object.
+        let is_header = |&at: &usize| word(at + 8) == arena.as_ptr() as u64 | 1;
+        let first = (0..bytes.len()).step_by(16).find(is_header).expect("the world");
+        let base = self.raw.as_ptr() as usize - (first + 16);
+        let read = |name: String, address: usize| {
+            let at = address - base;
+            let class = half(at - 16) as usize;
+            let size = if class < 8 { 16 * (class + 1) } else { ((class - 8) % 4 + 5) << (5 + (class - 8) / 4) };
+            (name, (at..at + size - 16).step_by(8).map(word).collect())
+        };
+        let live = |list: &[usize], what: &str| {
+            let named = list.iter().enumerate().filter(|(_, address)| **address != 0);
+            named.map(|(index, &address)| read(format!("{what} {index}"), address)).collect::<Vec<_>>()
+        };
+        let addresses = [
+            ("world", vec![self.raw.as_ptr() as usize]),
+            ("body", self.body_list.iter().map(|body| *body as usize).collect()),
+            ("constraint", self.constraint_list.iter().map(|constraint| *constraint as usize).collect()),
+            ("soft body", self.soft_bodies.values().map(|soft| soft.raw.as_ptr() as usize).collect()),
+            ("ghost", self.ghosts.values().map(|ghost| ghost.raw.as_ptr() as usize).collect()),
+        ];
+        addresses.iter().flat_map(|(what, list)| live(list, what)).collect()
     }
 }
 

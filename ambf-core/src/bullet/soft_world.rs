@@ -7,7 +7,7 @@ use slotmap::Key;
 use super::{raw_pose, BodyHandle, SoftBody, SoftBodyError, SoftBodyHandle, World};
 
 pub(super) struct OwnedSoftBody {
-    raw: NonNull<sys::AmbSoft>,
+    pub(super) raw: NonNull<sys::AmbSoft>,
     nodes: usize,
 }
 

@@ -72,7 +72,7 @@ impl Wheel {
 }
 
 pub(super) struct OwnedVehicle {
-    raw: NonNull<sys::AmbVehicle>,
+    pub(super) raw: NonNull<sys::AmbVehicle>,
     chassis: BodyHandle,
     wheels: usize,
 }

@@ -40,6 +40,9 @@ pub struct World {
     pub(super) integrator: Integrator,
     pub(super) has_articulations: bool,
     pub(super) articulations: SlotMap<ArticulationHandle, OwnedArticulation>,
+    /// Constraints of the articulations that were made, in that order: also of those that other constraints have
+    /// dissolved since.
+    pub(super) trees: Vec<Vec<ConstraintHandle>>,
     pub(super) bodies: SlotMap<BodyHandle, OwnedBody>,
     pub(super) constraints: SlotMap<ConstraintHandle, OwnedConstraint>,
     pub(super) ghosts: SlotMap<GhostHandle, OwnedGhost>,
@@ -168,6 +171,7 @@ impl World {
             has_soft_bodies: kind == WorldKind::Soft,
             has_articulations: kind == WorldKind::Articulated,
             articulations: SlotMap::with_key(),
+            trees: Vec::new(),
             bodies: SlotMap::with_key(),
             constraints: SlotMap::with_key(),
             ghosts: SlotMap::with_key(),
@@ -240,12 +244,17 @@ impl World {
         unsafe { sys::amb_world_set_lag(self.raw.as_ptr(), lag.into()) }
     }
 
-    /// Discards contacts and warm-starting impulses, and reactivates bodies that Bullet disabled because their state
-    /// was not finite. To be called after poses and velocities were set to finite values.
+    /// Discards contacts, warm-starting impulses, the time that is left of the last step and all else that is remembered
+    /// of the motion, and reactivates bodies that Bullet disabled because their state was not finite. To be called after
+    /// poses and velocities were set to finite values.
     pub fn recover(&mut self) {
         let _arena = self.enter();
-        // SAFETY: the world and everything in it are alive.
-        unsafe { sys::amb_world_recover(self.raw.as_ptr()) }
+        let (list, n) = (self.constraint_list.as_ptr(), self.constraint_list.len() as i32);
+        // SAFETY: the world and everything in it are alive; the list holds constraints of this world and null only.
+        unsafe {
+            sys::amb_constraints_recover(list, n);
+            sys::amb_world_recover(self.raw.as_ptr());
+        }
     }
 
     /// Pairs of objects whose bounding boxes overlap, which the narrow phase looks at. Bodies that are [apart](super::Apart) and

@@ -9,6 +9,7 @@ use thiserror::Error;
 
 use super::{Channel, Command, ObjectKind, Rates, Snapshot, SnapshotWriter, StepThrottle};
 use crate::scene::VisualScene;
+use ambf_plugin::run::Asked;
 use ambf_plugin::SnapshotSlot;
 
 /// An object that has a State and a Command.
@@ -138,10 +139,8 @@ pub enum PostError {
 /// Resets that are requested.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Resets {
-    /// Reset of all objects.
-    pub world: bool,
-    /// With [`world`](Self::world): nothing is left of what was before.
-    pub thorough: bool,
+    /// Reset of the world, and when it was last asked for: commands that were posted before are forgotten.
+    pub world: Option<Instant>,
     /// Reset of the rigid bodies.
     pub bodies: bool,
 }
@@ -165,8 +164,7 @@ pub struct Hub {
     pub(super) running_order: AtomicU64,
     /// Resets that were done and published.
     resets: AtomicU64,
-    reset_world: AtomicBool,
-    reset_thoroughly: AtomicBool,
+    reset_world: Asked,
     reset_bodies: AtomicBool,
     start: Instant,
 }
@@ -188,8 +186,7 @@ impl Hub {
             turn: Mutex::default(),
             running_order: AtomicU64::new(0),
             resets: AtomicU64::new(0),
-            reset_world: AtomicBool::new(false),
-            reset_thoroughly: AtomicBool::new(false),
+            reset_world: Asked::default(),
             reset_bodies: AtomicBool::new(false),
             start: Instant::now(),
         }
@@ -235,6 +232,11 @@ impl Hub {
     /// [`now`](Self::now) in ns.
     pub fn now_ns(&self) -> u64 {
         self.now().as_nanos() as u64
+    }
+
+    /// Another moment on the hub's clock, ns; 0 if it was before the hub was made.
+    pub fn at_ns(&self, moment: Instant) -> u64 {
+        moment.saturating_duration_since(self.start).as_nanos() as u64
     }
 
     /// The newest state of everything; empty before the first physics iteration and while nobody
@@ -318,17 +320,11 @@ impl Hub {
         &self.throttle
     }
 
-    /// Asks for a reset of all objects before the next step; honoured also while paused or throttled.
+    /// Asks for a [reset of the world](crate::sim::Simulation::reset_world) before the next step; honoured also while
+    /// paused or throttled. Commands that were posted before are forgotten, those that come later are not.
     pub fn request_world_reset(&self) {
-        self.reset_world.store(true, Ordering::Release);
+        self.reset_world.ask();
         self.throttle.wake();
-    }
-
-    /// Asks for a reset of all objects after which nothing is left of what was before: controllers, solver and contacts
-    /// forget, motors are off. What follows does then not depend on it.
-    pub fn request_thorough_reset(&self) {
-        self.reset_thoroughly.store(true, Ordering::Release);
-        self.request_world_reset();
     }
 
     /// Asks for a reset of the rigid bodies before the next step; honoured also while paused or throttled.
@@ -339,7 +335,7 @@ impl Hub {
 
     /// Whether a reset waits to be done.
     pub fn reset_requested(&self) -> bool {
-        self.reset_world.load(Ordering::Acquire) || self.reset_bodies.load(Ordering::Acquire)
+        self.reset_world.is_waiting() || self.reset_bodies.load(Ordering::Acquire)
     }
 
     /// Physics thread: says that a reset was done and its result published.
@@ -355,10 +351,7 @@ impl Hub {
 
     /// Physics thread: takes the requested resets.
     pub fn take_resets(&self) -> Resets {
-        // Whoever asks for a thorough reset asks for that of the world afterwards.
-        let thorough = self.reset_thoroughly.swap(false, Ordering::AcqRel);
-        let world = self.reset_world.swap(false, Ordering::AcqRel);
-        Resets { world, thorough, bodies: self.reset_bodies.swap(false, Ordering::AcqRel) }
+        Resets { world: self.reset_world.take(), bodies: self.reset_bodies.swap(false, Ordering::AcqRel) }
     }
 }
 

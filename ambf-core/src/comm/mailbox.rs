@@ -146,6 +146,17 @@ impl<C: Command> Inbox<C> {
         expired
     }
 
+    /// Forgets the command in force unless it was posted at `time_ns` or later; whether it did.
+    pub fn forget_before(&mut self, time_ns: u64) -> bool {
+        let is_past = self.current.posted_ns < time_ns;
+        if is_past {
+            self.watched = false;
+            self.current.command.copy_from(&C::default());
+            (self.current.posted_ns, self.current.order) = (0, 0);
+        }
+        is_past
+    }
+
     /// The command in force.
     pub fn command(&self) -> &C {
         &self.current.command

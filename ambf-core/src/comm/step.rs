@@ -70,9 +70,8 @@ impl Hub {
     /// What `command` posts stays in force until the last of the iterations: a command that others post meanwhile for
     /// the same object, or that they posted before and that was delivered late, is dropped.
     ///
-    /// A reset is [thorough](Hub::request_thorough_reset), and done at rest: between the Bullet step of one iteration
-    /// and its commands, as every order begins. So, with fixed steps, the result of a series of orders depends on
-    /// nothing else.
+    /// A reset is done at rest: between the Bullet step of one iteration and its commands, as every order begins. So, with
+    /// fixed steps, the result of a series of orders depends on nothing else.
     ///
     /// # Errors
     /// [`StepError`]. After [`StepError::Command`] nothing has moved, except for a reset.
@@ -94,7 +93,7 @@ impl Hub {
         }
         if order.reset {
             let before = self.resets();
-            self.request_thorough_reset();
+            self.request_world_reset();
             self.await_progress(|| self.resets() != before)?;
         }
         self.running_order.store(*orders, Ordering::Release);
@@ -152,7 +151,7 @@ mod tests {
             let publish = |writer: &mut SnapshotWriter| hub.publish(writer, |snapshot| snapshot.sim_step = step);
             while !throttle.is_open() && !stop.load(Ordering::Acquire) {
                 throttle.wait(|| hub.now_ns(), || stop.load(Ordering::Acquire) || hub.reset_requested());
-                if hub.take_resets().world {
+                if hub.take_resets().world.is_some() {
                     publish(&mut writer);
                     hub.note_reset();
                 }

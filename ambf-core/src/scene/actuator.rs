@@ -91,6 +91,12 @@ impl SceneObject for Actuator {
         out.push(f64::from(u8::from(self.is_actuated())));
     }
 
+    /// Holding nothing.
+    fn reset(Scene { actuators, world, bodies, .. }: &mut Scene, id: Self::Id) {
+        actuators[id].release(world, bodies);
+        actuators[id].complained = false;
+    }
+
     fn save(&self) -> SavedActuator {
         // All fields by name, so that no new one is forgotten.
         let Self { identity: _, info: _, parent: _, frame: _, held, complained } = self;

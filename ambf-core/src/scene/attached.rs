@@ -55,6 +55,11 @@ impl Attached {
         *pose
     }
 
+    /// Back to where it was.
+    pub(super) fn reset(&mut self) {
+        self.pose = self.initial_pose;
+    }
+
     pub(crate) fn apply_command(&mut self, command: &PoseCommand) {
         if command.enabled {
             self.pose = Isometry3::from_parts(command.position.into(), orientation_of(&command.orientation).0);
@@ -117,6 +122,13 @@ impl SceneObject for Camera {
         Some(scene.global_pose(self.attached.parent, &self.attached.pose))
     }
 
+    /// Where it was, with the target of the beginning. What clients have chosen by parameters stays.
+    fn reset(scene: &mut Scene, id: Self::Id) {
+        let camera = &mut scene.cameras[id];
+        camera.attached.reset();
+        camera.target = first_target(&camera.attached.initial_pose, &camera.look_at);
+    }
+
     fn save(&self) -> Self::Saved {
         let Self { attached, parameters, look_at: _, target, description: _ } = self;
         (attached.save(), parameters.clone(), *target)
@@ -143,12 +155,6 @@ impl Camera {
     pub(crate) fn look_from(&mut self, pose: &Isometry3<f64>, distance: f64) {
         self.attached.pose = *pose;
         self.target = Vector3::new(-distance, 0.0, 0.0);
-    }
-
-    /// Back to where it was, with the target of the beginning.
-    pub(crate) fn reset(&mut self) {
-        self.attached.pose = self.attached.initial_pose;
-        self.target = first_target(&self.attached.initial_pose, &self.look_at);
     }
 }
 
@@ -207,6 +213,11 @@ impl SceneObject for Light {
 
     fn pose(&self, _id: Self::Id, scene: &Scene) -> Option<Isometry3<f64>> {
         Some(scene.global_pose(self.attached.parent, &self.attached.pose))
+    }
+
+    /// Where it was. What clients have chosen by parameters stays.
+    fn reset(scene: &mut Scene, id: Self::Id) {
+        scene.lights[id].attached.reset();
     }
 
     fn save(&self) -> Self::Saved {

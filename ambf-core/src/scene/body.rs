@@ -107,6 +107,7 @@ impl SceneObject for Body {
     type Saved = SavedBody;
     const TYPE: ObjectType = ObjectType::Body;
     const RANK: u8 = 3;
+    const RESETS_WITH_BODIES: bool = true;
 
     fn identity(&self) -> &Identity {
         &self.identity
@@ -126,6 +127,15 @@ impl SceneObject for Body {
 
     fn make_room(&self, _scene: &Scene, snapshot: &mut Snapshot) {
         snapshot.bodies.push(BodyKinematics::default());
+    }
+
+    /// At the initial pose, at rest, with its own gravity.
+    fn reset(scene: &mut Scene, id: Self::Id) {
+        let Scene { bodies, world, .. } = scene;
+        let body = &mut bodies[id];
+        world.reset_body(body.handle, &body.initial_pose, body.gravity.as_ref());
+        body.controller.reset();
+        body.target.reset();
     }
 
     fn save(&self) -> SavedBody {
@@ -170,16 +180,6 @@ impl Body {
     /// Whether forces move it.
     pub fn is_dynamic(&self) -> bool {
         self.mass != 0.0
-    }
-
-    /// Returns to the initial pose, at rest, with its own gravity.
-    pub(crate) fn reset(&self, world: &mut World) {
-        world.clear_forces(self.handle);
-        world.set_velocity(self.handle, &Vector3::zeros(), &Vector3::zeros());
-        if let Some(gravity) = &self.gravity {
-            world.set_body_gravity(self.handle, gravity);
-        }
-        world.set_pose(self.handle, &self.initial_pose);
     }
 
     /// Applies the Cartesian part of a command at once, as the legacy profile does. `dt` is the interval before, s.

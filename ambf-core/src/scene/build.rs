@@ -78,6 +78,11 @@ impl<'a> Builder<'a> {
         let (remarks, open) = self.assembly.put_together(self.scene, &self.models);
         self.notes.extend(remarks);
         self.scene.place_wheels();
+        for ghost in self.scene.ghosts.ids() {
+            if self.models.contains(&self.scene.ghosts[ghost].attached.identity.model) {
+                self.scene.place_ghost(ghost);
+            }
+        }
         let remarks = self.scene.articulate(&self.models, &open);
         self.notes.extend(remarks);
         let mut buffer = vec![0.0; self.scene.world.constraints().len()];

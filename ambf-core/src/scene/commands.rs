@@ -14,6 +14,9 @@ pub(crate) trait Commands: Send + Sync {
     /// when there is a command to execute from now on. Sentences about what cannot be done go to `notices`.
     fn fetch(&mut self, channel: &Channel, order: u64, scene: &mut Scene, notices: &mut Vec<String>) -> bool;
 
+    /// Forgets the command in force unless it was posted at `time_ns` or later; whether it did.
+    fn forget_before(&mut self, time_ns: u64) -> bool;
+
     /// Executes the command in force, unless its watchdog has expired before `now_ns`.
     fn execute(&mut self, now_ns: u64, scene: &mut Scene, notices: &mut Vec<String>);
 
@@ -46,6 +49,10 @@ where
 
     fn fetch(&mut self, channel: &Channel, order: u64, _scene: &mut Scene, _notices: &mut Vec<String>) -> bool {
         self.inbox.fetch(C::mailbox(channel), order)
+    }
+
+    fn forget_before(&mut self, time_ns: u64) -> bool {
+        self.inbox.forget_before(time_ns)
     }
 
     fn execute(&mut self, now_ns: u64, scene: &mut Scene, notices: &mut Vec<String>) {
@@ -82,6 +89,10 @@ where
             notices.extend((self.set)(scene, self.commands.id, self.parameters.command()).err());
         }
         self.commands.fetch(channel, order, scene, notices)
+    }
+
+    fn forget_before(&mut self, time_ns: u64) -> bool {
+        self.commands.forget_before(time_ns)
     }
 
     fn execute(&mut self, now_ns: u64, scene: &mut Scene, notices: &mut Vec<String>) {

@@ -102,6 +102,14 @@ impl SceneObject for Ghost {
         ghosts[id].follow(world, bodies, pose, carrier, gravity, *profile);
     }
 
+    /// Where it was, without anything in it: the bodies have their weight again.
+    fn reset(scene: &mut Scene, id: Self::Id) {
+        let ghost = &mut scene.ghosts[id];
+        ghost.attached.reset();
+        ghost.sensed.clear();
+        scene.place_ghost(id);
+    }
+
     fn save(&self) -> SavedGhost {
         // All fields by name, so that no new one is forgotten.
         let Self { attached, parent_name: _, collision_groups: _, source: _, handle: _, pose, sensed, found: _ } = self;
@@ -111,6 +119,19 @@ impl SceneObject for Ghost {
     fn restore(&mut self, saved: &SavedGhost) {
         (self.attached.pose, self.pose) = (saved.attached, saved.pose);
         self.sensed.clone_from(&saved.sensed);
+    }
+}
+
+impl Scene {
+    /// Puts a ghost where it is before the first update. In the C++ program, and with the legacy profile, that is its pose in
+    /// the parent, taken as one in the world.
+    pub(super) fn place_ghost(&mut self, id: GhostId) {
+        let Attached { parent, pose, .. } = self.ghosts[id].attached;
+        let parent = parent.filter(|_| self.profile == Profile::Accurate);
+        let pose = self.global_pose(parent, &pose);
+        let Self { ghosts, world, .. } = self;
+        ghosts[id].pose = pose;
+        world.set_ghost_pose(ghosts[id].handle, &pose);
     }
 }
 

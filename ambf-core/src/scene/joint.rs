@@ -220,6 +220,13 @@ impl Joint {
         }
     }
 
+    /// Forgets what is remembered of the motion; the position is to be observed.
+    pub(super) fn reset(&mut self) {
+        self.effort = 0.0;
+        self.controller.reset();
+        self.target.reset();
+    }
+
     /// Stores a new position and the velocity that follows over `dt` s.
     pub(crate) fn observe(&mut self, position: f64, dt: f64) {
         let mut difference = position - self.position;

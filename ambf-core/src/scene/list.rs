@@ -4,6 +4,7 @@
 //! with all objects then goes over these lists.
 
 use std::any::Any;
+use std::fmt::Debug;
 use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
 
@@ -21,13 +22,15 @@ pub(super) trait SceneObject: Sized {
     /// What names it.
     type Id: Id;
     /// What of it changes while the simulation runs, beside what Bullet knows.
-    type Saved: Send + Sync + 'static;
+    type Saved: Debug + Send + Sync + 'static;
     /// Its type for plugins.
     const TYPE: ObjectType;
     /// Place of the type among those of a model, in which commands are executed, objects updated and plugins called.
     const RANK: u8;
     /// Whether [`update`](Self::update) does something.
     const ACTS: bool = false;
+    /// Whether it belongs to the bodies: a reset of the bodies resets it, too.
+    const RESETS_WITH_BODIES: bool = false;
     /// Whether it is built after the joints of its model, not before.
     const FOLLOWS_JOINTS: bool = false;
 
@@ -68,6 +71,9 @@ pub(super) trait SceneObject: Sized {
 
     /// What it does in an iteration after the sub-steps. Sub-step and update in s.
     fn update(_scene: &mut Scene, _id: Self::Id, _sub_step: f64, _interval: f64) {}
+
+    /// Back to the start, in a reset. Bodies have let go of what holds them, and are reset before what stands on them.
+    fn reset(scene: &mut Scene, id: Self::Id);
 
     /// What [`restore`](Self::restore) needs.
     fn save(&self) -> Self::Saved;
@@ -125,11 +131,19 @@ impl<'a, I, T> IntoIterator for &'a mut Objects<I, T> {
 /// Updates the object of an index.
 pub(super) type Update = fn(&mut Scene, usize, f64, f64);
 
+/// Resets the object of an index.
+pub(super) type Reset = fn(&mut Scene, usize);
+
 /// Builds objects of a model.
 pub(super) type Add = fn(&mut Builder<'_>, &adf::Model);
 
+/// What was saved of objects of one type.
+pub(super) trait SavedObjects: Any + Debug + Send + Sync {}
+
+impl<T: Any + Debug + Send + Sync> SavedObjects for T {}
+
 /// What was saved of a list.
-pub(super) type SavedList = Arc<dyn Any + Send + Sync>;
+pub(super) type SavedList = Arc<dyn SavedObjects>;
 
 /// [`Objects`] of any type.
 pub(super) trait ObjectList {
@@ -137,6 +151,8 @@ pub(super) trait ObjectList {
     fn rank(&self) -> u8;
     /// `None`: objects of this type do nothing by themselves.
     fn update(&self) -> Option<Update>;
+    /// What resets one of them, and whether a reset of the bodies does so.
+    fn reset(&self) -> (Reset, bool);
     /// What builds them before the joints of their model, or after; `None` where they are built the other time.
     fn add(&self, follows_joints: bool) -> Option<Add>;
     fn count(&self) -> usize;
@@ -174,6 +190,10 @@ impl<T: SceneObject> ObjectList for Objects<T::Id, T> {
         T::ACTS.then_some(|scene, index, sub_step, interval| {
             T::update(scene, T::Id::from_index(index), sub_step, interval);
         })
+    }
+
+    fn reset(&self) -> (Reset, bool) {
+        (|scene, index| T::reset(scene, T::Id::from_index(index)), T::RESETS_WITH_BODIES)
     }
 
     fn add(&self, follows_joints: bool) -> Option<Add> {
@@ -232,6 +252,7 @@ impl<T: SceneObject> ObjectList for Objects<T::Id, T> {
     }
 
     fn restore(&mut self, saved: &SavedList) {
+        let saved: &dyn Any = &**saved;
         let saved = saved.downcast_ref::<Vec<T::Saved>>().expect("lists are saved and restored in one order");
         self.list.iter_mut().zip(saved).for_each(|(object, saved)| object.restore(saved));
     }

@@ -52,7 +52,7 @@ pub use hulls::convex_hulls;
 pub use identity::Identity;
 pub use joint::{Joint, JointType};
 pub use list::Objects;
-use list::{ObjectList, Update};
+use list::{ObjectList, SceneObject, Update};
 pub use load::{load, load_with_progress, read_model, Loaded, PreparedModel, SceneFiles, SceneReport};
 pub use names::{Found, NameMap};
 pub use object::DeclaredPlugins;
@@ -455,19 +455,36 @@ impl Scene {
         }
     }
 
-    /// Cameras, lights, ghost objects and volumes back to where they were.
-    pub(crate) fn reset_attached(&mut self) {
-        for object in self.all_attached().collect::<Vec<_>>() {
-            if let Some(attached) = self.attached_mut(object) {
-                attached.pose = attached.initial_pose;
+    /// All objects back to the start, or only bodies and what belongs to them, with nothing left of what was before.
+    /// `buffer` is that of [`observe_joints`](Self::observe_joints).
+    pub(crate) fn reset(&mut self, bodies_only: bool, buffer: &mut [f64]) {
+        if !bodies_only {
+            self.world.begin_restart();
+        }
+        let mut kinds = self.lists().map(|list| (list.rank(), list.object_type(), list.count(), list.reset()));
+        kinds.sort_unstable_by_key(|kind| kind.0);
+        for (_, kind, count, (reset, is_of_bodies)) in kinds {
+            if bodies_only && !is_of_bodies {
+                continue;
+            }
+            for index in 0..count {
+                if !self.is_removed(ObjectId { kind, index }) {
+                    reset(self, index);
+                }
             }
         }
-        self.reset_cameras();
+        match bodies_only {
+            true => self.world.recover(),
+            false => self.world.finish_restart(),
+        }
+        self.joints.iter_mut().for_each(Joint::reset);
+        self.world.refresh_constraints();
+        self.observe_joints(0.0, buffer);
     }
 
     /// Cameras back to where they were, with the targets of the beginning.
     pub(crate) fn reset_cameras(&mut self) {
-        self.cameras.iter_mut().for_each(Camera::reset);
+        self.cameras.ids().for_each(|camera| <Camera as SceneObject>::reset(self, camera));
     }
 
     /// A snapshot with place for the state of every object.

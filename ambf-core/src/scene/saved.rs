@@ -24,6 +24,12 @@ impl SavedScene {
         self.world.bytes()
     }
 
+    /// All that is kept beside Bullet.
+    #[cfg(test)]
+    pub fn objects(&self) -> impl std::fmt::Debug + '_ {
+        (&self.lists, &self.joints)
+    }
+
     /// Memory that it takes, bytes, but for little.
     pub fn size(&self) -> usize {
         self.world.size() + self.n_bodies * size_of::<SavedBody>() + size_of_val(self.joints.as_slice())

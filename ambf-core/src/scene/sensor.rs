@@ -69,6 +69,9 @@ pub(super) struct SavedSensor {
 /// Contact points, and bodies, that a contact sensor can report without allocating.
 const CONTACTS: usize = 64;
 
+/// A ray before the first update.
+const NOWHERE: Ray = Ray { from: Vector3::new(0.0, 0.0, 0.0), to: Vector3::new(0.0, 0.0, 0.0) };
+
 /// A reading with memory for [`CONTACTS`].
 fn spacious() -> ContactReading {
     ContactReading { bodies: Vec::with_capacity(CONTACTS), points: Vec::with_capacity(CONTACTS) }
@@ -80,6 +83,7 @@ impl SceneObject for Sensor {
     const TYPE: ObjectType = ObjectType::Sensor;
     const RANK: u8 = 6;
     const ACTS: bool = true;
+    const RESETS_WITH_BODIES: bool = true;
 
     fn identity(&self) -> &Identity {
         &self.identity
@@ -128,6 +132,26 @@ impl SceneObject for Sensor {
         sensors[id].sense(world, bodies, touching, sub_step, interval);
     }
 
+    /// Seeing nothing, until the next update, and remembering nothing.
+    fn reset(scene: &mut Scene, id: Self::Id) {
+        let Self { readings, work, .. } = &mut scene.sensors[id];
+        match work {
+            Work::Rays { world, hits, resistance } => {
+                readings.fill(RayReading::default());
+                world.fill(NOWHERE);
+                hits.fill(None);
+                if let Some(resistance) = resistance {
+                    resistance.memory.fill(None);
+                }
+            }
+            Work::Contacts { reading, .. } => {
+                readings.clear();
+                reading.bodies.clear();
+                reading.points.clear();
+            }
+        }
+    }
+
     fn save(&self) -> SavedSensor {
         // All fields by name, so that no new one is forgotten.
         let Self { identity: _, info: _, parent: _, rays: _, readings, work } = self;
@@ -169,8 +193,7 @@ impl Sensor {
         rays: Vec<LocalRay>,
         resistance: Option<Resistance>,
     ) -> Self {
-        let nowhere = Ray { from: Vector3::zeros(), to: Vector3::zeros() };
-        let work = Work::Rays { world: vec![nowhere; rays.len()], hits: vec![None; rays.len()], resistance };
+        let work = Work::Rays { world: vec![NOWHERE; rays.len()], hits: vec![None; rays.len()], resistance };
         Self { identity, info, parent, readings: vec![RayReading::default(); rays.len()], rays, work }
     }
 
@@ -218,13 +241,6 @@ impl Sensor {
             Some((body, hit.fraction * (ray.to - ray.from).norm()))
         });
         bodies_hit.min_by(|a, b| a.1.total_cmp(&b.1))
-    }
-
-    /// Forgets what is remembered of contacts.
-    pub(crate) fn reset(&mut self) {
-        if let Work::Rays { resistance: Some(resistance), .. } = &mut self.work {
-            resistance.reset();
-        }
     }
 
     /// Looks, and pushes if it is a resistance sensor. The forces act in the next update, which is taken to be as long
@@ -341,10 +357,6 @@ const SHORT: f64 = 1e-4;
 impl Resistance {
     pub fn new(parameters: ResistanceParameters, rays: usize, profile: Profile) -> Self {
         Self { parameters, profile, memory: vec![None; rays], pushes: Vec::with_capacity(rays) }
-    }
-
-    fn reset(&mut self) {
-        self.memory.fill(None);
     }
 
     fn push(

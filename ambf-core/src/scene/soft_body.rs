@@ -74,6 +74,11 @@ impl SceneObject for SoftBody {
         out.extend(nodes.as_flattened());
     }
 
+    /// In its first shape, at rest.
+    fn reset(Scene { soft_bodies, world, .. }: &mut Scene, id: Self::Id) {
+        world.restore_soft_body(soft_bodies[id].handle);
+    }
+
     fn save(&self) {
         // All fields by name, so that no new one is forgotten. Nothing is kept beside Bullet.
         let Self { identity: _, mass: _, nodes: _, handle: _ } = self;
@@ -93,11 +98,6 @@ impl SoftBody {
     /// Positions of the nodes in the world, m, as many as `out` has place for.
     pub fn read_nodes(&self, world: &World, out: &mut [[f64; 3]]) {
         world.read_soft_nodes(self.handle, out);
-    }
-
-    /// Back to its first shape, at rest.
-    pub(crate) fn reset(&self, world: &mut World) {
-        world.restore_soft_body(self.handle);
     }
 }
 

@@ -19,12 +19,18 @@ use crate::control::{
 const MAX_DRIVEN_TURN: f64 = 0.1;
 
 impl Scene {
-    /// Lets go of all joints and bodies that controllers hold.
-    pub(crate) fn release_drives(&mut self) {
-        let Self { world, joints, bodies, profile, .. } = self;
-        if *profile == Profile::Accurate {
-            joints.iter_mut().for_each(|joint| joint.let_go(world));
-            bodies.iter_mut().for_each(|body| body.let_go(world));
+    /// Ends all that commands have begun: motors are off, and joints and bodies have no targets.
+    pub(crate) fn end_commands(&mut self) {
+        let Self { world, joints, bodies, .. } = self;
+        for joint in joints {
+            joint.stop_motor(world);
+            joint.let_go(world);
+            joint.target.forget();
+        }
+        for body in bodies.iter_mut() {
+            body.let_go(world);
+            body.target.forget();
+            body.control = CartesianCommandType::default();
         }
     }
 }
@@ -51,8 +57,12 @@ pub(crate) struct JointTarget {
 
 impl JointTarget {
     pub fn new(controller: &Controller) -> Self {
+        Self::of(JointDriver::new(controller))
+    }
+
+    fn of(driver: JointDriver) -> Self {
         Self {
-            driver: JointDriver::new(controller),
+            driver,
             effort: 0.0,
             goal: None,
             last_goal: None,
@@ -68,6 +78,12 @@ impl JointTarget {
     pub fn reset(&mut self) {
         self.driver.reset();
         (self.last_goal, self.last_rate) = (None, None);
+    }
+
+    /// Forgets all, also what was commanded.
+    fn forget(&mut self) {
+        self.driver.reset();
+        *self = Self::of(self.driver.clone());
     }
 }
 
@@ -261,8 +277,12 @@ enum BodyGoal {
 
 impl BodyTarget {
     pub fn new(linear: &Controller, angular: &Controller) -> Self {
+        Self::of(PoseDriver::new(linear, angular))
+    }
+
+    fn of(driver: PoseDriver) -> Self {
         Self {
-            driver: PoseDriver::new(linear, angular),
+            driver,
             goal: None,
             last_target: None,
             last_rates: None,
@@ -276,6 +296,12 @@ impl BodyTarget {
     pub fn reset(&mut self) {
         (self.last_target, self.last_rates) = (None, None);
         self.driver.reset();
+    }
+
+    /// Forgets all, also what was commanded.
+    fn forget(&mut self) {
+        self.driver.reset();
+        *self = Self::of(self.driver.clone());
     }
 }
 

@@ -95,6 +95,7 @@ impl SceneObject for Vehicle {
     const TYPE: ObjectType = ObjectType::Vehicle;
     const RANK: u8 = 7;
     const ACTS: bool = true;
+    const RESETS_WITH_BODIES: bool = true;
     /// A body that a joint holds cannot be a wheel.
     const FOLLOWS_JOINTS: bool = true;
 
@@ -145,6 +146,14 @@ impl SceneObject for Vehicle {
     fn update(scene: &mut Scene, id: Self::Id, _sub_step: f64, _interval: f64) {
         let Scene { vehicles, world, bodies, .. } = scene;
         vehicles[id].show_wheels(world, bodies);
+    }
+
+    /// Wheels straight, no power, no brake, suspension at rest.
+    fn reset(Scene { vehicles, world, bodies, .. }: &mut Scene, id: Self::Id) {
+        let vehicle = &mut vehicles[id];
+        vehicle.wheels.iter_mut().for_each(|wheel| wheel.drive = Drive::default());
+        world.reset_vehicle(vehicle.handle);
+        vehicle.show_wheels(world, bodies);
     }
 
     fn save(&self) -> Vec<Drive> {
@@ -204,11 +213,5 @@ impl Vehicle {
                 world.set_pose(bodies[body].handle, &pose);
             }
         }
-    }
-
-    /// Wheels straight, no power, no brake, suspension at rest.
-    pub(crate) fn reset(&mut self, world: &mut World) {
-        self.wheels.iter_mut().for_each(|wheel| wheel.drive = Drive::default());
-        world.reset_vehicle(self.handle);
     }
 }

@@ -44,6 +44,10 @@ impl SceneObject for Volume {
         Some(scene.global_pose(self.attached.parent, &self.attached.pose))
     }
 
+    fn reset(scene: &mut Scene, id: Self::Id) {
+        scene.volumes[id].attached.reset();
+    }
+
     fn save(&self) -> Self::Saved {
         let Self { attached, description: _ } = self;
         attached.save()

@@ -2,11 +2,12 @@
 
 use std::cmp::Reverse;
 use std::sync::Arc;
+use std::time::Instant;
 
 use nalgebra::Vector3;
 
 use super::physics::Physics;
-use super::{LostState, Nearness, Simulation};
+use super::{LostState, Nearness, Reset, Simulation};
 use crate::comm::{
     Activity, ActuatorCommand, Channel, Hub, HubIndex, HubObject, Inbox, JointCommandType, ObjectKind, ObjectList,
     Resets, RigidBodyCommand, Snapshot, SnapshotWriter, Timing, VehicleCommand, Wrench,
@@ -68,6 +69,15 @@ impl Slot {
         }
     }
 
+    /// Forgets the command in force unless it was posted at `time_ns` or later; whether it did.
+    fn forget_before(&mut self, time_ns: u64) -> bool {
+        match self {
+            Self::Idle => true,
+            Self::Body(_, inbox) => inbox.forget_before(time_ns),
+            Self::Other(commands) => commands.forget_before(time_ns),
+        }
+    }
+
     /// Takes what waits in `channel` while the order of steps with the number `order` runs; true when there is a command
     /// to execute from now on. Sentences about what cannot be done go to `notices`.
     fn fetch(&mut self, channel: &Channel, order: u64, scene: &mut Scene, notices: &mut Vec<String>) -> bool {
@@ -85,6 +95,14 @@ pub(super) struct SavedCommands {
     /// Time of the watchdog, ns.
     saved_at: u64,
     slots: Vec<(HubIndex, Slot)>,
+}
+
+impl SavedCommands {
+    /// How many objects have one.
+    #[cfg(test)]
+    pub fn count(&self) -> usize {
+        self.slots.len()
+    }
 }
 
 impl Link {
@@ -403,27 +421,35 @@ impl Simulation {
         })
     }
 
-    /// Does the resets that clients or plugins asked for; true if there was one.
-    pub(super) fn do_requested_resets(&mut self) -> bool {
-        let Some(link) = &self.link else { return self.do_plugin_resets() };
-        let from_clients = link.hub.take_resets();
-        self.do_resets(from_clients) | self.do_plugin_resets()
+    /// Does the resets that clients or plugins asked for; what was done, if anything.
+    pub(super) fn do_requested_resets(&mut self) -> Option<Reset> {
+        let from_clients = self.link.as_ref().map(|link| link.hub.take_resets()).unwrap_or_default();
+        let done = self.do_resets(from_clients);
+        done.max(self.do_plugin_resets())
     }
 
-    /// Does the resets that plugins asked for; true if there was one.
-    pub(super) fn do_plugin_resets(&mut self) -> bool {
+    /// Does the resets that plugins asked for; what was done, if anything.
+    pub(super) fn do_plugin_resets(&mut self) -> Option<Reset> {
         let resets = self.take_plugin_resets();
         self.do_resets(resets)
     }
 
-    fn do_resets(&mut self, resets: Resets) -> bool {
+    fn do_resets(&mut self, resets: Resets) -> Option<Reset> {
         match resets {
-            Resets { world: true, thorough: true, .. } => self.reset_thoroughly(),
-            Resets { world: true, .. } => self.reset_world(),
-            Resets { bodies: true, .. } => self.reset_bodies(),
-            _ => return false,
+            Resets { world: Some(asked), .. } => Some(self.reset_world_asked(asked)),
+            Resets { bodies: true, .. } => Some(self.reset_bodies_or_lost_world()),
+            _ => None,
         }
-        true
+    }
+
+    /// Forgets commands that are in force or wait if they came before `time`. Parameters that wait are taken over first:
+    /// they are settings.
+    pub(super) fn forget_commands_before(&mut self, time: Instant) {
+        let Some(link) = &mut self.link else { return };
+        link.fetch(&mut self.physics.scene, &mut self.notices);
+        let time_ns = link.hub.at_ns(time);
+        let Link { slots, commanded, .. } = link;
+        commanded.retain(|&object| !slots[object.0].forget_before(time_ns));
     }
 
     /// Whether clients or plugins asked for a reset that was not done yet.

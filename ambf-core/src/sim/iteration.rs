@@ -8,7 +8,7 @@
 
 use std::time::SystemTime;
 
-use super::{LostState, Simulation};
+use super::{LostState, Reset, Simulation};
 use crate::plugin::run::Phase;
 
 impl Simulation {
@@ -24,6 +24,36 @@ impl Simulation {
         }
         self.advance(interval)?;
         self.exchange(|_| ())
+    }
+
+    /// Resets the world between the halves of an iteration, and makes the first half anew from there: what rests then is what
+    /// rested there at the start. The iteration is not counted twice.
+    ///
+    /// # Errors
+    /// Those of [`advance`](Self::advance).
+    pub(super) fn reset_at_rest(&mut self) -> Result<(), LostState> {
+        let interval = self.physics.time.interval;
+        self.reset_world();
+        self.advance_anew(interval)
+    }
+
+    /// Does the resets that clients or plugins asked for, between the halves of an iteration: see
+    /// [`reset_at_rest`](Self::reset_at_rest). Whether there was one.
+    ///
+    /// # Errors
+    /// Those of [`advance`](Self::advance), after the reset.
+    pub(super) fn do_requested_resets_at_rest(&mut self) -> (bool, Result<(), LostState>) {
+        let interval = self.physics.time.interval;
+        match self.do_requested_resets() {
+            None => (false, Ok(())),
+            Some(Reset::Bodies) => (true, Ok(())),
+            Some(Reset::World) => (true, self.advance_anew(interval)),
+        }
+    }
+
+    fn advance_anew(&mut self, interval: f64) -> Result<(), LostState> {
+        self.physics.uncount_update();
+        self.advance(interval)
     }
 
     /// First half of an iteration.

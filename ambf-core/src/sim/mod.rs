@@ -33,7 +33,7 @@ pub use window::{Picked, WindowAnswer, WindowLink, WindowRequest};
 
 use std::fmt;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use thiserror::Error;
 
@@ -121,6 +121,13 @@ impl fmt::Display for Loss {
             }
         }
     }
+}
+
+/// A reset that was done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Reset {
+    Bodies,
+    World,
 }
 
 struct Joined<'a>(&'a Option<String>);
@@ -251,29 +258,39 @@ impl Simulation {
         self.link.as_ref()?.last_command(&near, &self.physics.scene)
     }
 
-    /// Returns every rigid body to its initial pose at rest. Time goes on. If the state was lost, controllers forget
-    /// what they remember of it and motors are switched off.
+    /// Returns every rigid body to its initial pose at rest, with the sensors and wheels on it; contacts, solver and
+    /// controllers forget. Time goes on, commands stay in force and actuators hold what they hold. A state that was lost
+    /// needs a [reset of the world](Self::reset_world), which is done instead.
     pub fn reset_bodies(&mut self) {
-        let was_lost = self.check_state().is_err();
-        self.physics.reset_bodies(was_lost);
+        self.reset_bodies_or_lost_world();
+    }
+
+    fn reset_bodies_or_lost_world(&mut self) -> Reset {
+        if self.check_state().is_err() {
+            return self.reset_world_asked(Instant::now());
+        }
+        self.physics.reset_bodies();
         self.reset_devices();
+        Reset::Bodies
     }
 
-    /// Returns every object to its initial state and tells all plugins. Time goes on; commands stay in force. The
-    /// accurate profile also clears the memory of controllers.
+    /// Returns everything to the start, and tells all plugins: what follows is what followed then, bit for bit, if the
+    /// same is commanded. Commands that are in force or wait are forgotten, actuators, windows and plugins release what
+    /// they hold, motors are off, controllers, solver and contacts forget. Only the clocks go on, and settings stay:
+    /// parameters of cameras and lights, gravity that was switched off.
     pub fn reset_world(&mut self) {
-        self.reset_bodies();
-        self.physics.reset_others();
-        self.reset_plugins();
+        self.reset_world_asked(Instant::now());
     }
 
-    /// [`reset_world`](Self::reset_world) after which nothing is left of what was before: actuators release what they hold, motors are
-    /// off, controllers, solver and contacts forget. Time and commands go on.
-    pub fn reset_thoroughly(&mut self) {
-        self.physics.release();
-        self.reset_world();
-        self.physics.reset_controllers();
-        self.physics.scene.world.recover();
+    /// [`reset_world`](Self::reset_world) that was asked for at `asked`: commands that came later stay.
+    fn reset_world_asked(&mut self, asked: Instant) -> Reset {
+        self.forget_commands_before(asked);
+        self.release_picked();
+        self.release_plugins_before(asked);
+        self.physics.reset();
+        self.reset_devices();
+        self.reset_plugins();
+        Reset::World
     }
 
     /// Takes the sentences about commands that name what is not there, and what plugins have to say.

@@ -6,18 +6,19 @@ use nalgebra::Vector3;
 
 use super::targets::ActiveTargets;
 use crate::bullet::PlausibleBounds;
-use crate::comm::{
-    ActuatorCommand, CartesianCommandType, JointCommandType, RigidBodyCommand, Snapshot, Timing, Wrench,
-};
+use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand, Snapshot, Timing, Wrench};
 use crate::control::Profile;
 use crate::ids::{BodyId, JointId, Table};
-use crate::scene::{Scene, Sensor};
+use crate::scene::Scene;
 
 /// Simulated time.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Time {
     /// Sum of all intervals, s.
     pub sim_time: f64,
+    /// Sum of the intervals since the start or the latest reset of the world, s: the time of controllers, so that what
+    /// they do does not depend on how long it ran before.
+    pub since_start: f64,
     /// Interval of the latest update, s.
     pub interval: f64,
     /// Interval before that, s: what object updates and controllers get.
@@ -30,6 +31,13 @@ pub(super) struct Time {
     pub lost_time: f64,
 }
 
+impl Time {
+    fn pass(&mut self, seconds: f64) {
+        self.sim_time += seconds;
+        self.since_start += seconds;
+    }
+}
+
 /// The part of a [`Simulation`](super::Simulation) that moves. It knows nothing of clients, devices, plugins and
 /// windows; these work on it.
 pub(super) struct Physics {
@@ -37,6 +45,8 @@ pub(super) struct Physics {
     pub sub_step: f64,
     pub bounds: PlausibleBounds,
     pub time: Time,
+    /// As it was before the latest update.
+    pub time_before: Time,
     pub bullet_time: Duration,
     /// When the latest update was; taken where somebody listens.
     pub stamp: Option<SystemTime>,
@@ -58,6 +68,7 @@ impl Physics {
             sub_step,
             bounds,
             time: Time::default(),
+            time_before: Time::default(),
             bullet_time: Duration::ZERO,
             stamp: None,
             has_simulated_stamps: false,
@@ -67,6 +78,8 @@ impl Physics {
             scene,
         };
         physics.grow();
+        // As after a reset: in the same order everything is found.
+        physics.scene.world.recover();
         physics
     }
 
@@ -81,6 +94,7 @@ impl Physics {
 
     /// Counts an update of `interval` s that begins.
     pub fn begin_update(&mut self, interval: f64) {
+        self.time_before = self.time;
         self.time.iteration += 1;
         self.time.dt = self.time.interval;
         self.time.interval = interval;
@@ -93,13 +107,13 @@ impl Physics {
         self.time.due = self.targets.step(&mut self.scene, self.time.interval, cap, self.sub_step);
         self.bullet_time += begin.elapsed();
         self.time.lost_time += f64::from(self.time.due.saturating_sub(cap)) * self.sub_step;
-        self.time.sim_time += self.time.interval;
+        self.time.pass(self.time.interval);
     }
 
     /// Lets `seconds` of simulated time pass in which nothing moves.
     pub fn lose_time(&mut self, seconds: f64) {
         self.time.lost_time += seconds;
-        self.time.sim_time += seconds;
+        self.time.pass(seconds);
     }
 
     /// Brings what follows from a step up to date: joints, efforts, wrenches, then ghost objects, sensors, vehicles.
@@ -193,62 +207,32 @@ impl Physics {
     pub fn apply_joint_command(&mut self, joint: JointId, kind: JointCommandType, value: f64) {
         let Scene { joints, bodies, world, profile, .. } = &mut self.scene;
         if *profile == Profile::Legacy {
-            joints[joint].apply_command(world, bodies, kind, value, self.time.sim_time);
+            joints[joint].apply_command(world, bodies, kind, value, self.time.since_start);
         } else if joints[joint].set_target(world, kind, value) {
             self.targets.joints.push(joint);
         }
     }
 
-    /// Returns rigid bodies, with what is on them, to their initial poses at rest. If the state `was_lost`, controllers
-    /// forget what they remember of it.
-    pub fn reset_bodies(&mut self, was_lost: bool) {
+    /// Returns rigid bodies, with what is on them, to their initial poses at rest. Commands stay in force.
+    pub fn reset_bodies(&mut self) {
         self.targets.forget_jumps();
-        let Scene { bodies, joints, world, .. } = &mut self.scene;
-        bodies.iter().for_each(|body| body.reset(world));
-        if was_lost {
-            world.recover();
-            // The commanded speed of a motor may not be finite.
-            joints.iter().for_each(|joint| joint.stop_motor(world));
-            self.scene.release_drives();
-            self.reset_controllers();
-        }
-        let Scene { vehicles, world, .. } = &mut self.scene;
-        vehicles.iter_mut().for_each(|vehicle| vehicle.reset(world));
-        self.scene.place_wheels();
-        self.scene.sensors.iter_mut().for_each(Sensor::reset);
-        self.scene.world.refresh_constraints();
-        self.scene.observe_joints(0.0, &mut self.joint_buffer);
+        self.scene.reset(true, &mut self.joint_buffer);
     }
 
-    /// Returns to their initial states what [`reset_bodies`](Self::reset_bodies) leaves alone.
-    pub fn reset_others(&mut self) {
-        self.scene.reset_attached();
-        let Scene { soft_bodies, world, profile, .. } = &mut self.scene;
-        soft_bodies.iter().for_each(|soft| soft.reset(world));
-        if *profile == Profile::Accurate {
-            self.reset_controllers();
-        }
+    /// Returns everything to the start; nothing is left of what was before. The clocks go on.
+    pub fn reset(&mut self) {
+        self.scene.end_commands();
+        self.targets.clear();
+        self.scene.reset(false, &mut self.joint_buffer);
+        self.wrenches.as_mut_slice().fill(Wrench::default());
+        // No update was before the next one.
+        let Time { sim_time, iteration, lost_time, .. } = self.time;
+        self.time = Time { sim_time, iteration, lost_time, ..Time::default() };
     }
 
-    /// Controllers forget what they remember.
-    pub fn reset_controllers(&mut self) {
-        for joint in &mut self.scene.joints {
-            joint.controller.reset();
-            joint.target.reset();
-        }
-        for body in self.scene.bodies.iter_mut() {
-            body.controller.reset();
-            body.target.reset();
-        }
-    }
-
-    /// Actuators release what they hold, motors are off, and controllers have no targets.
-    pub fn release(&mut self) {
-        for actuator in self.scene.actuators.ids() {
-            self.scene.command_actuator(actuator, &ActuatorCommand::default());
-        }
-        let Scene { joints, world, .. } = &mut self.scene;
-        joints.iter().for_each(|joint| joint.stop_motor(world));
-        self.scene.release_drives();
+    /// Takes the latest update back in the count of updates and in time, after a reset: it is about to be made anew.
+    pub fn uncount_update(&mut self) {
+        let Time { sim_time, iteration, lost_time, .. } = self.time_before;
+        self.time = Time { sim_time, iteration, lost_time, ..self.time };
     }
 }

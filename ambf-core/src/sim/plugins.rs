@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::sync::Arc;
+use std::time::Instant;
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -26,6 +27,12 @@ pub(super) struct PluginState {
     caller: u64,
     attachments: Vec<Attachment>,
     next_attachment: u64,
+    /// What plugins have attached while they began: part of the start, to which a reset returns.
+    first_attachments: Vec<Attachment>,
+    /// The plugin that is called begins.
+    begins: bool,
+    /// Commands that were left before this moment are not executed.
+    forgotten_before: Option<Instant>,
     /// Where requests to the loop are left, also while the plugins themselves are being called.
     shared: Option<Arc<Shared>>,
     /// What plugins show in windows.
@@ -38,6 +45,8 @@ pub(super) struct Attachment {
     number: u64,
     plugin: u64,
     bodies: [BodyId; 2],
+    /// Pose of the first in the second, inertial frames.
+    offset: Isometry3<f64>,
     constraint: ConstraintHandle,
 }
 
@@ -45,7 +54,17 @@ impl PluginState {
     /// What plugins hold. Numbers go on, so that none names another thing after a state was restored.
     pub fn save(&self) -> Vec<Attachment> {
         // All fields by name, so that no new one is forgotten.
-        let Self { caller: _, attachments, next_attachment: _, shared: _, drawings: _ } = self;
+        let Self {
+            caller: _,
+            attachments,
+            next_attachment: _,
+            // Of the start, not of the moment.
+            first_attachments: _,
+            begins: _,
+            forgotten_before: _,
+            shared: _,
+            drawings: _,
+        } = self;
         attachments.clone()
     }
 
@@ -128,6 +147,7 @@ impl Simulation {
     pub(super) fn detach_plugins_from(&mut self, is_going: impl Fn(BodyId) -> bool) {
         let goes = |attachment: &Attachment| attachment.bodies.iter().any(|&body| is_going(body));
         self.plugin_state.detach_where(&mut self.physics.scene, goes);
+        self.plugin_state.first_attachments.retain(|attachment| !goes(attachment));
     }
 
     /// Whether plugins are running or were.
@@ -147,7 +167,22 @@ impl Simulation {
         });
     }
 
+    /// Undoes what plugins have attached, and forgets the commands that they left before `time`.
+    pub(super) fn release_plugins_before(&mut self, time: Instant) {
+        self.plugin_state.forgotten_before = Some(time);
+        self.plugin_state.detach_where(&mut self.physics.scene, |_| true);
+    }
+
+    /// Attaches again what plugins had attached when they began, and tells them of the reset.
     pub(super) fn reset_plugins(&mut self) {
+        let Self { plugin_state: PluginState { attachments, first_attachments, .. }, physics, .. } = self;
+        let Scene { bodies, world, .. } = &mut physics.scene;
+        for first in &*first_attachments {
+            let [a, b] = first.bodies.map(|id| bodies[id].handle);
+            if let Some(constraint) = world.add_constraint(a, b, &held_at(first.offset)) {
+                attachments.push(Attachment { constraint, ..first.clone() });
+            }
+        }
         self.with_plugins(|plugins, access| plugins.reset(access));
     }
 
@@ -184,7 +219,10 @@ impl Simulation {
     /// Executes what plugins have left since the step before.
     pub(super) fn execute_posted(&mut self) {
         self.with_plugins(|plugins, access| {
-            for (plugin, command) in plugins.shared.posted() {
+            for (plugin, at, command) in plugins.shared.posted() {
+                if access.state.forgotten_before.is_some_and(|time| at < time) {
+                    continue;
+                }
                 access.act_as(plugin);
                 if let Err(error) = access.execute(&command) {
                     plugins.notices.push(format!("a command that a plugin left failed: {command}: {error}"));
@@ -197,7 +235,7 @@ impl Simulation {
     pub(super) fn plugins_want_reset(&self) -> bool {
         self.plugins.as_ref().is_some_and(|plugins| {
             let requests = &plugins.shared.requests;
-            requests.reset_world.load(Ordering::Acquire) || requests.reset_bodies.load(Ordering::Acquire)
+            requests.reset_world.is_waiting() || requests.reset_bodies.load(Ordering::Acquire)
         })
     }
 
@@ -205,8 +243,8 @@ impl Simulation {
     pub(super) fn take_plugin_resets(&self) -> Resets {
         let Some(plugins) = &self.plugins else { return Resets::default() };
         let requests = &plugins.shared.requests;
-        let world = requests.reset_world.swap(false, Ordering::AcqRel);
-        Resets { world, thorough: false, bodies: requests.reset_bodies.swap(false, Ordering::AcqRel) }
+        let world = requests.reset_world.take();
+        Resets { world, bodies: requests.reset_bodies.swap(false, Ordering::AcqRel) }
     }
 
     /// Takes what plugins asked of the loop: pause or resume, manual steps.
@@ -222,6 +260,18 @@ fn named_by_itself(path: &Path) -> PluginEntry {
     let name = path.display().to_string();
     let source = SourcePos { file: Path::new("--plugins").into(), line: 0, column: 0 };
     PluginEntry { name, filename: path.to_owned(), path: None, source }
+}
+
+/// What holds one body at a pose in another, inertial frames.
+fn held_at(offset: Isometry3<f64>) -> Constraint {
+    Constraint {
+        kind: ConstraintKind::Fixed,
+        frame_a: Isometry3::identity(),
+        frame_b: offset,
+        parameters: Vec::new(),
+        feedback: false,
+        disable_collisions: true,
+    }
 }
 
 fn joint_state(joint: &Joint) -> JointState {
@@ -314,7 +364,10 @@ impl SceneAccess<'_> {
     fn load(&mut self, plugins: &mut Plugins, wanted: Wanted<'_>, report: &mut PluginReport) {
         let (entry, subject) = (wanted.entry, wanted.subject);
         let file = entry.filename.display();
-        match plugins.load(self, wanted) {
+        self.state.begins = true;
+        let loaded = plugins.load(self, wanted);
+        self.state.begins = false;
+        match loaded {
             Ok(()) => report.loaded.push(format!("{} plugin {} ({file})", subject.kind().words(), entry.name)),
             Err(error) => {
                 report.problems.push(format!("{}: plugin {} ({file}) is left out: {error}", entry.source, entry.name));
@@ -346,19 +399,16 @@ impl SceneAccess<'_> {
         if body == to {
             return Err(CommandError::Refused);
         }
-        let constraint = Constraint {
-            kind: ConstraintKind::Fixed,
-            frame_a: Isometry3::identity(),
-            frame_b: other.inverse() * pose,
-            parameters: Vec::new(),
-            feedback: false,
-            disable_collisions: true,
-        };
-        let constraint = world.add_constraint(a, b, &constraint).ok_or(CommandError::Refused)?;
+        let offset = other.inverse() * pose;
+        let constraint = world.add_constraint(a, b, &held_at(offset)).ok_or(CommandError::Refused)?;
         let state = &mut self.state;
         state.next_attachment += 1;
         let (number, plugin) = (state.next_attachment, state.caller);
-        state.attachments.push(Attachment { number, plugin, bodies: [body, to], constraint });
+        let attachment = Attachment { number, plugin, bodies: [body, to], offset, constraint };
+        if state.begins {
+            state.first_attachments.push(attachment.clone());
+        }
+        state.attachments.push(attachment);
         Ok(number)
     }
 
@@ -395,6 +445,7 @@ impl Access for SceneAccess<'_> {
 
     fn release(&mut self, plugin: u64) {
         self.state.detach_where(&mut self.physics.scene, |attachment| attachment.plugin == plugin);
+        self.state.first_attachments.retain(|attachment| attachment.plugin != plugin);
     }
 
     fn clock(&self) -> Clock {

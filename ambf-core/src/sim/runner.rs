@@ -211,7 +211,10 @@ impl PhysicsLoop {
         request_short_slices();
         let mut pacer = Pacer::new(Duration::from_secs_f64(1.0 / self.options.frequency), MAX_LAG);
         while !self.control.is_stopping() {
-            self.serve_requests();
+            if self.simulation.do_requested_resets().is_some() {
+                self.resume_after_reset(Ok(()));
+            }
+            self.serve_changes();
             self.obey_plugins();
             self.simulation.pause_devices(self.control.is_paused());
             if self.control.is_paused() && !self.control.take_manual_step() {
@@ -259,7 +262,7 @@ impl PhysicsLoop {
         }
         let changing_before = self.losses.changing();
         let held = Instant::now();
-        self.hold_for_clients();
+        self.hold_for_clients()?;
         let resumed = Instant::now();
         self.losses.hold(resumed - held, changing_before);
         let (wall, timing) = (resumed - self.start, self.timing());
@@ -282,21 +285,17 @@ impl PhysicsLoop {
         Ok(())
     }
 
-    /// Does the resets and changes that clients, plugins and windows asked for; true if there were any.
-    fn serve_requests(&mut self) -> bool {
+    /// Does the changes that clients, plugins and windows asked for; true if there were any.
+    fn serve_changes(&mut self) -> bool {
         let begin = Instant::now();
-        let reset = self.simulation.do_requested_resets();
-        if reset {
-            self.resume_after_reset();
-        }
         let changed = self.simulation.do_requested_changes();
         if changed {
             self.show_changes();
         }
-        if reset || changed {
+        if changed {
             self.losses.change(begin.elapsed());
         }
-        reset || changed
+        changed
     }
 
     /// What plugins ask of the loop, and what they have to say while nothing moves.
@@ -346,8 +345,9 @@ impl PhysicsLoop {
         interval
     }
 
-    /// Blocks while clients throttle. Resets and requests about models are honoured meanwhile.
-    fn hold_for_clients(&mut self) {
+    /// Blocks while clients throttle. Resets and requests about models are honoured meanwhile. The state may be lost in the
+    /// update that follows a reset.
+    fn hold_for_clients(&mut self) -> Result<(), LostState> {
         loop {
             let (control, simulation) = (&self.control, &self.simulation);
             simulation.wait_for_clients(|| {
@@ -356,13 +356,19 @@ impl PhysicsLoop {
             if self.control.is_stopping() {
                 break;
             }
-            if !self.serve_requests() && !self.simulation.is_held_by_clients() {
+            let (was_reset, outcome) = self.simulation.do_requested_resets_at_rest();
+            if was_reset {
+                self.resume_after_reset(outcome.clone());
+                outcome?;
+            }
+            if !(self.serve_changes() || was_reset || self.simulation.is_held_by_clients()) {
                 break;
             }
         }
         if self.simulation.count_for_clients(&mut self.throttle_counter) {
             self.tell(Event::EmptySteps);
         }
+        Ok(())
     }
 
     fn publish(&mut self, wall: Duration) {
@@ -382,9 +388,12 @@ impl PhysicsLoop {
         self.publish(self.start.elapsed());
     }
 
-    /// A reset is seen at once, also while paused or throttled. It ends the pause that a lost state made.
-    fn resume_after_reset(&mut self) {
-        self.publish(self.start.elapsed());
+    /// A reset is seen at once, also while paused or throttled, unless the state was lost again. It ends the pause that a lost
+    /// state made.
+    fn resume_after_reset(&mut self, outcome: Result<(), LostState>) {
+        if outcome.is_ok() {
+            self.publish(self.start.elapsed());
+        }
         if std::mem::take(&mut self.lost) {
             self.simulation.tell_lost(None);
             self.control.set_paused(false);

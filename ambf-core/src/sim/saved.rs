@@ -22,6 +22,7 @@ use crate::scene::SavedScene;
 pub struct SavedState {
     scene: SavedScene,
     time: Time,
+    time_before: Time,
     wrenches: Table<BodyId, Wrench>,
     commands: SavedCommands,
     picking: Picking,
@@ -78,6 +79,7 @@ impl Simulation {
             sub_step: _,
             bounds: _,
             time,
+            time_before,
             // Measured, not simulated.
             bullet_time: _,
             stamp: _,
@@ -91,6 +93,7 @@ impl Simulation {
         Ok(SavedState {
             scene: scene.save()?,
             time: *time,
+            time_before: *time_before,
             wrenches: wrenches.clone(),
             commands: link.as_ref().map(Link::save).unwrap_or_default(),
             picking: picking.clone(),
@@ -110,7 +113,7 @@ impl Simulation {
     pub fn restore(&mut self, saved: &SavedState) -> Result<(), StateError> {
         let physics = &mut self.physics;
         physics.scene.restore(&saved.scene)?;
-        physics.time = saved.time;
+        (physics.time, physics.time_before) = (saved.time, saved.time_before);
         physics.wrenches.clone_from(&saved.wrenches);
         physics.targets.restore(&saved.targets);
         if let Some(link) = &mut self.link {
@@ -131,6 +134,8 @@ impl Simulation {
 #[cfg(test)]
 mod tests {
     use std::path::Path;
+
+    use nalgebra::Vector3;
 
     use super::*;
     use crate::comm::{JointCommandType, ObjectKind, RigidBodyCommand};
@@ -226,6 +231,51 @@ mod tests {
         step(&mut simulation);
         let free: Vec<_> = (0..50).map(|_| step(&mut simulation)).collect();
         assert_ne!(free, expected, "the command came later");
+    }
+
+    /// What a state holds beside Bullet's memory and the clocks that go on.
+    fn beside_bullet(state: &SavedState) -> String {
+        let SavedState { scene, time, time_before: _, wrenches, commands, picking, targets, attachments, devices } =
+            state;
+        let Time { sim_time: _, since_start, interval, dt, iteration: _, due, lost_time: _ } = time;
+        assert!(attachments.is_empty() && devices.is_empty(), "neither plugins nor devices are there");
+        let (objects, held) = (scene.objects(), commands.count());
+        format!("{objects:#?} {since_start} {interval} {dt} {due} {wrenches:?} {held} {picking:?} {targets:?}")
+    }
+
+    /// What came before is found nowhere after a reset: neither a number in Bullet's memory of a body, a joint, a soft body
+    /// or the world, nor anything that is kept beside it.
+    #[test]
+    fn nothing_of_what_was_before_a_reset_is_left_in_the_state() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources/models");
+        for entry in folder.read_dir().expect("models") {
+            let model = entry.expect("an entry").file_name().into_string().expect("Unicode");
+            for profile in [Profile::Legacy, Profile::Accurate] {
+                for is_lost in [false, true] {
+                    let mut simulation = simulation(&model, profile);
+                    let start = simulation.save().expect("savable");
+                    let words = simulation.physics.scene.world.words();
+                    run(&mut simulation, 50);
+                    let body = simulation.physics.scene.bodies.ids().last().expect("a body");
+                    if is_lost {
+                        simulation.set_velocity(body, Vector3::repeat(1e300), Vector3::repeat(1e300));
+                        let _ = simulation.update(0.001);
+                    }
+                    simulation.reset_world();
+                    let what = format!("{model} {profile:?}, lost: {is_lost}");
+                    let again = simulation.save().expect("savable");
+                    assert_eq!(beside_bullet(&again), beside_bullet(&start), "{what}");
+                    for ((name, before), (_, after)) in words.iter().zip(simulation.physics.scene.world.words()) {
+                        // Pointers and counters are no normal numbers.
+                        let differs = |(a, b): &(u64, u64)| {
+                            a != b && [a, b].iter().any(|&&word| f64::from_bits(word).is_normal())
+                        };
+                        let found = before.iter().copied().zip(after).position(|pair| differs(&pair));
+                        assert_eq!(found, None, "{what}: {name}, word");
+                    }
+                }
+            }
+        }
     }
 
     #[test]

@@ -128,9 +128,14 @@ impl Stepper {
         StepperWindow { hub: Arc::clone(&self.published.hub), link, control: Arc::default(), models }
     }
 
-    /// Does what was asked for in windows: cameras are moved, bodies held. It is done in each iteration, and has to be
-    /// called when there are none for a while. Costs next to nothing when there is nothing to do.
+    /// Does what was asked for in windows, and resets that plugins asked for: cameras are moved, bodies held, everything
+    /// returns to the start. It is done in each iteration, and has to be called when there are none for a while. Costs next
+    /// to nothing when there is nothing to do.
     pub fn serve_window(&mut self) {
+        let (was_reset, outcome) = self.simulation.do_requested_resets_at_rest();
+        if was_reset {
+            self.show_reset(outcome);
+        }
         if self.published.is_shown && self.simulation.do_requested_changes() {
             self.published.show(&mut self.simulation);
         }
@@ -167,10 +172,10 @@ impl Stepper {
     /// Those of [`step`](Self::step).
     pub fn step_while(&mut self, steps: u32, mut go_on: impl FnMut() -> bool) -> Result<u32, LostState> {
         for made in 1..=steps {
+            self.serve_window();
             if let Some(problem) = &self.lost {
                 return Err(problem.clone());
             }
-            self.serve_window();
             let mut is_last = false;
             let outcome = self.simulation.exchange(|simulation| {
                 is_last = made == steps || !go_on();
@@ -193,12 +198,18 @@ impl Stepper {
         Ok(0)
     }
 
-    /// Returns everything to its start; nothing is left of what was before ([`Simulation::reset_thoroughly`]). Time,
-    /// the count of iterations and commands go on.
+    /// Returns everything to the start, as [`new`](Self::new) left it: see [`Simulation::reset_world`]. Time and the count of
+    /// iterations stay what they are.
     pub fn reset(&mut self) {
-        self.simulation.reset_thoroughly();
-        self.lost = None;
-        self.published.publish(&mut self.simulation);
+        let outcome = self.simulation.reset_at_rest();
+        self.show_reset(outcome);
+    }
+
+    fn show_reset(&mut self, outcome: Result<(), LostState>) {
+        self.lost = outcome.err();
+        if self.lost.is_none() {
+            self.published.publish(&mut self.simulation);
+        }
     }
 
     /// Saves everything: see [`Simulation::save`]; it is at rest.

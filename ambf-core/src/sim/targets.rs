@@ -36,6 +36,13 @@ impl ActiveTargets {
         self.expected = saved.expected;
     }
 
+    /// Forgets everything; the place that was made stays.
+    pub fn clear(&mut self) {
+        self.joints.clear();
+        self.bodies.clear();
+        self.forget_jumps();
+    }
+
     /// Forgets jumps of set points, so that what follows a reset does not depend on what was before.
     pub fn forget_jumps(&mut self) {
         self.expected = ExpectedTurn::default();

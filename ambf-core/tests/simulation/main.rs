@@ -21,6 +21,7 @@ mod physics_motion;
 mod physics_press;
 mod physics_sleep;
 mod physics_soft_bodies;
+mod resets;
 mod resources;
 mod robot_description;
 mod saved_common;

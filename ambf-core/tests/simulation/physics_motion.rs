@@ -301,6 +301,6 @@ fn an_accurate_world_repeats_its_motion_to_the_bit_after_a_thorough_reset() {
         bits
     };
     let first = run(&mut bench);
-    bench.0.reset_thoroughly();
+    bench.0.reset_world();
     assert!(run(&mut bench) == first, "a reset leaves nothing of what was before");
 }

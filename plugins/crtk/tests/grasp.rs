@@ -94,7 +94,7 @@ fn a_reset_lets_go() {
     let start = Vector3::new(-0.01975, 0.0, 0.034209);
     turn(&mut bench, 0.5);
     assert!((place(&bench, "Needle") - start).norm() > 0.02, "it was taken along");
-    bench.simulation.reset_thoroughly();
+    bench.simulation.reset_world();
     bench.run(2.0);
     assert!((place(&bench, "Needle") - start).norm() < 3e-3, "it is back, between open fingers");
     turn(&mut bench, 0.5);

@@ -83,12 +83,15 @@ pub struct BodyCommands {
     count: usize,
 }
 
+/// Position and quaternion before anybody has written them.
+const NO_POSE: [f64; 7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+
 impl BodyCommands {
     pub fn new(py: Python<'_>, count: usize) -> PyResult<Self> {
         Ok(Self {
             kinds: Buffer::command(py, &[count], &[NONE])?,
             wrenches: Buffer::command(py, &[count, 6], &[0.0])?,
-            poses: Buffer::command(py, &[count, 7], &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])?,
+            poses: Buffer::command(py, &[count, 7], &NO_POSE)?,
             twists: Buffer::command(py, &[count, 6], &[0.0])?,
             joints: (0..count).map(|_| OnceLock::new()).collect(),
             count,
@@ -144,6 +147,21 @@ impl BodyCommands {
                 (Some(commands), None) => commands.kinds.write::<i8>(py, |kinds| kinds.fill(NONE))?,
                 _ => (),
             }
+        }
+        Ok(())
+    }
+
+    /// Lets the arrays hold what they held at first: no commands.
+    pub fn clear(&self, py: Python<'_>) -> PyResult<()> {
+        self.kinds.write::<i8>(py, |kinds| kinds.fill(NONE))?;
+        self.wrenches.write::<f64>(py, |wrenches| wrenches.fill(0.0))?;
+        self.poses.write::<f64>(py, |poses| {
+            poses.iter_mut().zip(NO_POSE.iter().cycle()).for_each(|(to, from)| *to = *from);
+        })?;
+        self.twists.write::<f64>(py, |twists| twists.fill(0.0))?;
+        for commands in self.joints.iter().filter_map(OnceLock::get) {
+            commands.kinds.write::<i8>(py, |kinds| kinds.fill(NONE))?;
+            commands.values.write::<f64>(py, |values| values.fill(0.0))?;
         }
         Ok(())
     }

@@ -518,6 +518,8 @@ impl World {
     fn reset(&self, py: Python<'_>) -> PyResult<()> {
         self.with(py, |physics| {
             physics.stepper.reset();
+            physics.requested.commanded.fill(false);
+            self.commands.clear(py)?;
             self.refresh(py, physics.stepper.snapshot())
         })?
     }

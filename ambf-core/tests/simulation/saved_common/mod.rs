@@ -191,8 +191,6 @@ pub fn disturb(simulation: &mut Simulation) {
     }
     simulation.reset_world();
     let _ = simulation.update(DT);
-    simulation.reset_thoroughly();
-    let _ = simulation.update(DT);
 }
 
 pub fn scene_name(files: &SceneFiles) -> String {

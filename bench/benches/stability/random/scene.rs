@@ -174,7 +174,7 @@ pub enum Order {
     Twist(usize, Vector3<f64>, Vector3<f64>),
     /// Body; pose of the body frame in the world.
     Pose(usize, Isometry3<f64>),
-    /// 0 bodies, 1 world, 2 thorough.
+    /// 0 bodies, others world.
     Reset(u8),
     /// Actuator, body that it holds from now on; `None`: it lets go.
     Hold(usize, Option<usize>),

@@ -34,7 +34,7 @@ class Simulation:
 
     **States** are arrays that the simulation writes at the end of `step`, `reset` and `restore`: they need not be asked for again,
     and can't be written. World axes, m, rad, s; quaternions x, y, z, w. **Commands** are arrays that `step` reads; they stay in force
-    until they are changed. A command that is not finite is an `InvalidCommand`, and nothing moves.
+    until they are changed or all is reset. A command that is not finite is an `InvalidCommand`, and nothing moves.
 
     An iteration is update (Bullet), commands, publication; between calls the physics rests after an update, before the commands. So a
     command acts from the second iteration of a call on, and the states are those that the last iteration published: exactly as over
@@ -162,7 +162,10 @@ class Simulation:
         self._world.step(steps)
 
     def reset(self) -> None:
-        """Returns everything to its start. Nothing is left of what was before; time and commands go on."""
+        """Returns everything to the start: states, and what follows under the same commands, are to the last bit those of a simulation
+        that was just made. The arrays of commands are empty again, actuators hold nothing. Only `sim_step`, `sim_time` and
+        `lost_time` stay what they are.
+        """
         self._world.reset()
 
     def save(self) -> State:
