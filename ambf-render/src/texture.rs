@@ -94,7 +94,7 @@ impl Texture {
             other => TextureError::Malformed {
                 path: path.to_path_buf(),
                 format: name,
-                what: other.to_string().chars().take(200).collect::<String>().escape_debug().to_string(),
+                what: other.to_string().trim().chars().take(200).collect::<String>().escape_debug().to_string(),
             },
         };
         let mut limits = Limits::default();

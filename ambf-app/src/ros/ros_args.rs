@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use ambf_core::files;
 use saphyr_parser::{Event, Parser, ScanError};
@@ -180,16 +180,16 @@ fn is_parameter(name: &str) -> bool {
 
 /// Names and values of the parameters in `file` that are for this program: those of all nodes and of the program's, and
 /// those of objects, which have their full names, of any node.
-fn parameters_in(file: &PathBuf) -> Result<Vec<(String, String)>, ArgumentError> {
-    let error = |why| ArgumentError::File { file: file.clone(), why };
+fn parameters_in(file: &Path) -> Result<Vec<(String, String)>, ArgumentError> {
+    let error = |why| ArgumentError::File { file: file.to_owned(), why };
     let text = files::read_text(file, MAX_FILE).map_err(error)?;
-    let all = leaves(&text).map_err(|why| ArgumentError::Content { file: file.clone(), why })?;
+    let all = leaves(&text).map_err(|why| ArgumentError::Content { file: file.to_owned(), why })?;
     let mut parameters = Vec::new();
     for (path, value) in all {
         let at = path.iter().position(|key| key == "ros__parameters").filter(|&at| at > 0 && at + 1 < path.len());
         let Some(at) = at else {
             let why = format!("\"{}\" is no parameter of a node", path.join(": "));
-            return Err(ArgumentError::Content { file: file.clone(), why });
+            return Err(ArgumentError::Content { file: file.to_owned(), why });
         };
         let (node, name) = (path[..at].join("/"), path[at + 1..].join("."));
         let is_ours = matches!(node.trim_start_matches('/'), "**" | "*" | PROGRAM);
