@@ -14,7 +14,8 @@ struct AccurateContext : AmbAccurateSettings {
   // Free bodies are integrated exactly under constant force, not by Bullet's semi-implicit Euler method.
   bool exact_flight = false;
   mutable AmbSolverStatistics statistics{};
-  // Multiplications of the sub-step so far, and the budget of that of its parts which had the largest one.
+  // Parts and multiplications of the sub-step so far, and the largest budget of a part.
+  mutable int parts = 0;
   mutable double work = 0, budget = 0;
   // Whether a part of a sub-step follows that is not its first one.
   bool is_continued = false;

@@ -56,8 +56,10 @@ class AccurateSolver : public Base {
     ++sub_step_;
     if (!settings_.is_continued) {
       shared_budget_ = std::min(shared_budget_, settings_.max_saved_budget) + settings_.base_budget;
+      settings_.parts = 0;
       settings_.work = settings_.budget = 0;
     }
+    ++settings_.parts;
     part_budget_ = settings_.base_budget;
     contacts_.begin();
   }

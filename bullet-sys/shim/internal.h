@@ -269,7 +269,7 @@ struct Broadphase : private OwnPairCache, btDbvtBroadphase {
     constexpr int MOST_DEPTH = 1000;
     int depth = 0;
     for (const btDbvtNode *node = static_cast<btDbvtProxy *>(proxy)->leaf; node->parent; node = node->parent) ++depth;
-    if (depth > MOST_DEPTH) m_sets[DYNAMIC_SET].optimizeTopDown();
+    if (depth > MOST_DEPTH) m_sets[DYNAMIC_SET].optimizeTopDown(2);
     return proxy;
   }
 

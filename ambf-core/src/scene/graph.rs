@@ -1,5 +1,7 @@
 //! Which bodies hang below which: the lists that order joint names and joint commands.
 
+use std::collections::HashSet;
+
 use crate::ids::{BodyId, JointId, Table};
 
 /// A body below another, and the joint that leads to it.
@@ -13,38 +15,18 @@ pub struct Descendant {
     pub passive: bool,
 }
 
-/// Bodies, one bit each.
-#[derive(Debug, Clone, Default)]
-struct BodySet(Vec<u64>);
-
-impl BodySet {
-    /// Enters a body; false when it was there already.
-    fn insert(&mut self, body: BodyId) -> bool {
-        let (word, bit) = (body.index() / 64, 1 << (body.index() % 64));
-        if self.0.len() <= word {
-            self.0.resize(word + 1, 0);
-        }
-        let is_new = self.0[word] & bit == 0;
-        self.0[word] |= bit;
-        is_new
-    }
-}
-
 #[derive(Debug, Clone, Default)]
 struct Node {
     ancestors: Vec<BodyId>,
     descendants: Vec<Descendant>,
-    /// What is in the lists: long chains would be searched for ever otherwise.
-    above: BodySet,
-    below: BodySet,
 }
 
 /// Ancestors and descendants of every body, in the order in which joints were made.
 #[derive(Debug, Clone, Default)]
 pub struct BodyGraph {
     nodes: Table<BodyId, Node>,
-    /// Descendants in all lists.
-    listed: usize,
+    /// What is in the lists, ancestor and descendant: long chains would be searched for ever otherwise.
+    listed: HashSet<(BodyId, BodyId)>,
     is_full: bool,
 }
 
@@ -66,7 +48,7 @@ impl BodyGraph {
             return;
         }
         let (descendants, ancestors) = (&self.nodes[child].descendants, &self.nodes[parent].ancestors);
-        let is_full = self.listed + (descendants.len() + 1) * (ancestors.len() + 1) > MAX_LISTED;
+        let is_full = self.listed.len() + (descendants.len() + 1) * (ancestors.len() + 1) > MAX_LISTED;
         self.is_full |= is_full;
         let (mut below, mut above) = match is_full {
             true => (Vec::new(), Vec::new()),
@@ -75,14 +57,10 @@ impl BodyGraph {
         below.push(Descendant { body: child, joint, passive });
         above.push(parent);
         for &body in &above {
-            let Node { descendants, below: known, .. } = &mut self.nodes[body];
-            let before = descendants.len();
-            descendants.extend(below.iter().filter(|entry| known.insert(entry.body)));
-            self.listed += descendants.len() - before;
-        }
-        for entry in &below {
-            let Node { ancestors, above: known, .. } = &mut self.nodes[entry.body];
-            ancestors.extend(above.iter().filter(|&&body| known.insert(body)));
+            for &entry in below.iter().filter(|entry| self.listed.insert((body, entry.body))) {
+                self.nodes[body].descendants.push(entry);
+                self.nodes[entry.body].ancestors.push(body);
+            }
         }
     }
 

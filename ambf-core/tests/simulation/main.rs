@@ -4,6 +4,7 @@
 mod articulation;
 mod assembly;
 mod bad_scenes_limits;
+mod budgets;
 mod energy;
 mod energy_scenes;
 mod joint_rows;
