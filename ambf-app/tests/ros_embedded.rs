@@ -177,7 +177,7 @@ fn world_commands_and_resets_reach_the_hub() {
     let mut seen = (false, false);
     until("both resets", || {
         let resets = fixture.with(|s| s.hub.take_resets());
-        seen = (seen.0 | resets.world, seen.1 | resets.bodies);
+        seen = (seen.0 | resets.world.is_some(), seen.1 | resets.bodies);
         seen == (true, true)
     });
     let commands = fixture.publisher::<ambf_msgs::WorldCmd>("/ambf/env/World/Command");

@@ -56,7 +56,7 @@ void amb_body_set_pose(AmbBody *body, const double pose[12]) {
     set_pose(*body->world, *body, transform);
   } else {
     body->body.setWorldTransform(transform);
-    body->motion.place(transform);
+    body->motion.setWorldTransform(transform);
   }
 }
 
@@ -68,8 +68,14 @@ void amb_body_reset(AmbBody *body, const double pose[12], const double *gravity)
   rigid.setAngularVelocity(zero);
   if (!rigid.isStaticObject() && (gravity || body->world))
     rigid.setGravity(gravity ? vector_of(gravity) : body->world->world->getGravity());
-  amb_body_set_pose(body, pose);
-  if (!body->world) return;
+  // As Bullet's constructor: the body takes its pose from the motion state, which is the same but for the signs of zeros.
+  const btTransform start = transform_of(pose);
+  btTransform transform;
+  body->motion.place(start);
+  body->motion.getWorldTransform(transform);
+  if (!body->world) return rigid.setWorldTransform(transform);
+  set_pose(*body->world, *body, transform);
+  body->motion.place(start);
   if (Extension *extension = body->world->extension.get()) {
     extension->velocity_set(*body);
     extension->body_reset(*body);

@@ -71,7 +71,7 @@ void set_pose(AmbWorld &world, AmbBody &owner, const btTransform &pose) {
   const bool moves = !(body.getWorldTransform() == pose);
   if (moves) activate_neighbours(world, owner);
   body.setWorldTransform(pose);
-  owner.motion.place(pose);
+  owner.motion.setWorldTransform(pose);
   const bool is_link = world.extension && world.extension->pose_set(owner);
   // The collision object of a link is moved in the next sub-step, and links never sleep.
   if (!moves || !world.freezes_static_aabbs || is_link) return;

@@ -217,6 +217,11 @@ namespace {
 // only. AABBs that were not finite are replaced.
 void rebuild_broadphase(AmbWorld &world) {
   btCollisionObjectArray &objects = world.world->getCollisionObjectArray();
+  // First, because a proxy that is destroyed looks for its pairs among all.
+  btOverlappingPairCache &pairs = *world.broadphase.getOverlappingPairCache();
+  const btBroadphasePairArray &all = pairs.getOverlappingPairArray();
+  for (int i = all.size(); i-- > 0;)
+    pairs.removeOverlappingPair(all[i].m_pProxy0, all[i].m_pProxy1, &world.dispatcher);
   std::vector<btBroadphaseProxy> old;
   old.reserve(objects.size());
   for (int i = 0; i < objects.size(); ++i) {

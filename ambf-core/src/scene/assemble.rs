@@ -123,7 +123,7 @@ fn place(scene: &mut Scene, bodies: &[assembly::Body]) -> Vec<Displacement> {
         let distance = (assembled.pose.translation.vector - body.initial_pose.translation.vector).norm();
         let angle = assembled.pose.rotation.angle_to(&body.initial_pose.rotation);
         body.initial_pose = assembled.pose;
-        scene.world.set_pose(body.handle, &assembled.pose);
+        scene.world.reset_body(body.handle, &assembled.pose, body.gravity.as_ref());
         displaced.push(Displacement { body: id, moved: Gap { distance, angle } });
     }
     displaced.retain(|displacement| matters(&displacement.moved));

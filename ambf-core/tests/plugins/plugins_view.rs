@@ -23,6 +23,7 @@ struct Hand {
 
 impl Plugin for Hand {
     fn init(&mut self, context: &mut InitContext<'_>) -> Result<(), PluginError> {
+        self.work.try_iter().for_each(|work| work(&mut context.world));
         self.host.send(context.host()).map_err(|error| error.to_string().into())
     }
 
@@ -62,9 +63,15 @@ const WEIGHTLESS: &str = "gravity: {x: 0, y: 0, z: 0}\nmax iterations: 50\n";
 
 impl Bench {
     fn new(world: &str) -> Self {
+        Self::beginning(world, |_| ())
+    }
+
+    /// With what the plugin does when it begins.
+    fn beginning(world: &str, begin: impl FnOnce(&mut View<'_>) + Send + 'static) -> Self {
         let stage = Stage::new();
         let mut simulation = stage.scene(world, &[SCENE]);
-        let (work, work_out) = channel();
+        let (work, work_out) = channel::<Work>();
+        work.send(Box::new(begin)).unwrap();
         let (host, host_out) = channel();
         let hand = Arc::new(Mutex::new(Some(Hand { work: work_out, host })));
         let mut setup = PluginSetup { command_line: vec!["builtin:hand".into()], ..stage.setup() };
@@ -345,4 +352,31 @@ fn a_plugin_that_asks_for_a_reset_in_its_update_gets_it_before_the_next_step() {
     let state = bench.body("Ball");
     close(state.inertial_pose.translation.z, 0.5, 1e-4);
     close(state.linear_velocity.z, -0.01, 1e-3);
+}
+
+/// What a plugin had attached, or left to be done, acted on after the reset.
+#[test]
+fn a_reset_undoes_what_plugins_did_but_for_what_they_began_with() {
+    let (number, first) = channel();
+    let begin = move |world: &mut View<'_>| {
+        number.send(world.attach(BALL, BASE).unwrap()).unwrap();
+    };
+    let mut bench = Bench::beginning(WEIGHTLESS, begin);
+    let first = first.recv().unwrap();
+    let second = bench.with(move |world| {
+        world.execute(&Command::Detach { attachment: first }).unwrap();
+        world.attach(ARM, BALL).unwrap()
+    });
+    let push = |body| Command::Wrench { body, force: Vector3::z() * 100.0, torque: Vector3::zeros() };
+    bench.host.post(&push(BALL)).unwrap();
+    bench.host.post(&Command::ResetWorld).unwrap();
+    bench.host.post(&push(ARM)).unwrap();
+    bench.step(1);
+    assert_eq!(bench.body("Ball").linear_velocity, Vector3::zeros(), "it was left before, and the ball is held again");
+    assert!(bench.body("Arm").linear_velocity.z > 0.01, "it was left after");
+    bench.with(move |world| {
+        let detach = |attachment| Command::Detach { attachment };
+        assert_eq!(world.execute(&detach(second)), Err(CommandError::NoObject));
+        assert!(world.execute(&detach(first)).is_ok(), "under the same number");
+    });
 }
