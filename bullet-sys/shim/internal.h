@@ -253,27 +253,31 @@ struct Broadphase : private OwnPairCache, btDbvtBroadphase {
 
   using OwnPairCache::pairs;
 
-  // Objects whose shape touches nothing are in no tree and no pair: without extent, many of them may be at one point.
-  //
-  // A new leaf of a tree goes to the nearest one, so that a row of bodies makes the tree a list, and each further body
-  // takes time in proportion to their number. The tree is then balanced.
+  // Number of objects up to which trees and pairs are Bullet's, where they have to be (`keeps_order`): which pairs there are
+  // decides the order of contact rows. Beyond it, and in other worlds, objects whose shape touches nothing are in no tree and
+  // those that are apart for good in no pair, however many are at one point.
+  static constexpr int MOST_KEPT = 1000;
+
   btBroadphaseProxy *createProxy(const btVector3 &low, const btVector3 &high, int shape_type, void *object, int group,
                                  int mask, btDispatcher *dispatcher) override {
-    if (touches_nothing(*static_cast<btCollisionObject *>(object)->getCollisionShape())) {
+    count(1);
+    if (pairs.leaves_out_apart && touches_nothing(*static_cast<btCollisionObject *>(object)->getCollisionShape())) {
       auto *proxy = new (btAlignedAlloc(sizeof(btDbvtProxy), 16)) btDbvtProxy(low, high, object, group, mask);
       proxy->leaf = nullptr;
       proxy->m_uniqueId = 0;
       return proxy;
     }
     btBroadphaseProxy *proxy = btDbvtBroadphase::createProxy(low, high, shape_type, object, group, mask, dispatcher);
-    constexpr int MOST_DEPTH = 1000;
+    // A new leaf goes to the nearest one, so that a row of bodies makes the tree a list, and each further body takes time in
+    // proportion to their number. The tree is then balanced.
     int depth = 0;
     for (const btDbvtNode *node = static_cast<btDbvtProxy *>(proxy)->leaf; node->parent; node = node->parent) ++depth;
-    if (depth > MOST_DEPTH) m_sets[DYNAMIC_SET].optimizeTopDown(2);
+    if (depth > MOST_KEPT) m_sets[DYNAMIC_SET].optimizeTopDown(2);
     return proxy;
   }
 
   void destroyProxy(btBroadphaseProxy *proxy, btDispatcher *dispatcher) override {
+    count(-1);
     if (is_in_tree(*proxy)) return btDbvtBroadphase::destroyProxy(proxy, dispatcher);
     btAlignedFree(proxy);
   }
@@ -293,9 +297,17 @@ struct Broadphase : private OwnPairCache, btDbvtBroadphase {
   }
 
   bool tight = false;
+  bool keeps_order = true;
 
  private:
   static bool is_in_tree(const btBroadphaseProxy &proxy) { return static_cast<const btDbvtProxy &>(proxy).leaf; }
+
+  void count(int change) {
+    objects_ += change;
+    pairs.leaves_out_apart = !keeps_order || objects_ > MOST_KEPT;
+  }
+
+  int objects_ = 0;
 };
 
 struct AmbWorld {

@@ -24,7 +24,7 @@ void set_place(btBroadphasePair &pair, int side, size_t place) {
 
 btBroadphasePair *PairCache::addOverlappingPair(btBroadphaseProxy *first, btBroadphaseProxy *second) {
   AmbObject &a = owner_of(*first), &b = owner_of(*second);
-  if (a.is_apart_from(b)) return nullptr;
+  if (leaves_out_apart && a.is_apart_from(b)) return nullptr;
   const int before = getNumOverlappingPairs();
   btBroadphasePair *pair = btHashedOverlappingPairCache::addOverlappingPair(first, second);
   if (getNumOverlappingPairs() == before) return pair;

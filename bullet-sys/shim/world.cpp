@@ -7,7 +7,8 @@
 
 namespace {
 
-// Pairs that are ignored for now, such as those of a joint, stay in the pair cache: they may collide again.
+// Ignored pairs stay in the pair cache, so that the order of the other pairs, and hence of contact rows, does not
+// depend on how a pair is ignored; see Broadphase::MOST_KEPT.
 void near_callback(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, const btDispatcherInfo &info) {
   const auto &first = *static_cast<const btCollisionObject *>(pair.m_pProxy0->m_clientObject);
   const auto &second = *static_cast<const btCollisionObject *>(pair.m_pProxy1->m_clientObject);
@@ -67,6 +68,7 @@ AmbWorld::AmbWorld(int solver_kind, int kind, int manifolds, const AmbArena *mem
   }
   world->setWorldUserInfo(this);
   dispatcher.setNearCallback(near_callback);
+  broadphase.keeps_order = solver_kind != AmbSolver_Accurate;
 }
 
 void AmbWorld::adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle) {
@@ -89,7 +91,8 @@ namespace {
 
 void count_constraint(AmbWorld &world, const AmbConstraint &constraint, int change) {
   if (constraint.disables_collision) {
-    AmbObject *a = object_of(&constraint.constraint->getRigidBodyA()), *b = object_of(&constraint.constraint->getRigidBodyB());
+    AmbObject *a = object_of(&constraint.constraint->getRigidBodyA());
+    AmbObject *b = object_of(&constraint.constraint->getRigidBodyB());
     if (a && b) a->ignore(*b, change);
   }
   for (const btRigidBody *body : {&constraint.constraint->getRigidBodyA(), &constraint.constraint->getRigidBodyB()}) {

@@ -39,8 +39,9 @@ impl World {
     /// the constraints are of other types, do not form a single tree, or include more than one static body; when
     /// another constraint acts on one of their bodies, or a body has an infinite moment of inertia, is a link already,
     /// or is more than 2 cm or 0.05 rad off its joint; when a body that can collide has more than 100 coordinates
-    /// between itself and the base, with which a contact would cost more than with constraints; or when there are
-    /// vehicles, whose wheels do not detect links.
+    /// between itself and the base, with which a contact would cost more than with constraints; when there are more than 1000
+    /// coordinates in all, of which Bullet keeps a square matrix; or when there are vehicles, whose wheels do not detect
+    /// links.
     pub fn articulate(&mut self, constraints: &[ConstraintHandle]) -> Option<ArticulationHandle> {
         let handle = self.make_articulation(constraints)?;
         self.trees.push(constraints.to_vec());
