@@ -210,7 +210,7 @@ impl Scene {
             let body = &mut bodies[id];
             let Some(pose) = world.pose(body.handle).filter(|_| body.is_dynamic()) else { continue };
             body.initial_pose = shift * pose;
-            world.set_pose(body.handle, &body.initial_pose);
+            world.reset_body(body.handle, &body.initial_pose, body.gravity.as_ref());
         }
         world.refresh_constraints();
     }
