@@ -56,14 +56,14 @@ fn command(object: usize, kind: &ObjectKind, call: usize) -> Option<RigidBodyCom
 fn tell(stepper: &mut Stepper, call: usize) {
     let objects = stepper.objects();
     let is_moved = |kind: &ObjectKind| matches!(kind, ObjectKind::RigidBody(_, info) if info.mass > 0.0);
-    let moved = objects.iter().filter(|object| is_moved(&object.info.kind));
-    let held = moved.last().map(|object| object.info.identifier.clone()).unwrap_or_default();
+    let mut moved = objects.iter().filter(|object| is_moved(&object.info.kind));
+    let held = moved.next_back().map(|object| object.info.identifier.clone()).unwrap_or_default();
     for (object, entry) in objects.entries() {
         if let Some(wanted) = command(object.0, &entry.info.kind, call) {
             *stepper.body_command(object).expect("a body") = wanted;
         }
         if let Some(actuator) = stepper.actuator_command(object) {
-            let (actuate, body_name) = ((call / 4) % 2 == 0, held.clone());
+            let (actuate, body_name) = ((call / 4).is_multiple_of(2), held.clone());
             *actuator = ActuatorCommand { actuate, body_name, ..ActuatorCommand::default() };
         }
     }

@@ -125,7 +125,8 @@ impl Guard {
     pub fn check(&mut self, packet: &mut [u8], from: Option<SocketAddr>, now: Instant) -> Result<(), Refusal> {
         let Some(IpAddr::V4(address)) = from.map(|from| from.ip()) else { return Err(Refusal::Foreign) };
         let is_own_machine = self.interfaces.has(address, now);
-        if !is_own_machine && !(self.range == Range::Subnet && self.interfaces.is_near(address, now)) {
+        let is_in_range = is_own_machine || self.range == Range::Subnet && self.interfaces.is_near(address, now);
+        if !is_in_range {
             return Err(Refusal::Foreign);
         }
         let result = self.check_contents(packet, address, is_own_machine, now);

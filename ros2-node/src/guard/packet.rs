@@ -153,7 +153,7 @@ fn part(
         kind::INFO_TS => flags & 2 != 0 || body.len() >= 8,
         kind::INFO_DST => body.len() >= 12,
         kind::NACK_FRAG => {
-            let base = order.u32(body, 16).filter(|&base| base >= 1 && base <= MAX_FRAGMENTS);
+            let base = order.u32(body, 16).filter(|base| (1..=MAX_FRAGMENTS).contains(base));
             sequence_number(order, body, 8, 1).is_some()
                 && base.and_then(|_| number_set(order, body, 20)).is_some_and(|end| end + 4 <= body.len())
         }
