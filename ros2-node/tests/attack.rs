@@ -146,7 +146,7 @@ impl Attacker {
     fn send(&mut self, packet: &[u8]) {
         let _ = self.socket.send_to(packet, (Ipv4Addr::LOCALHOST, self.port));
         self.sent += 1;
-        if self.sent % 32 == 0 || packet.len() > 4096 && self.sent % 4 == 0 {
+        if self.sent.is_multiple_of(32) || packet.len() > 4096 && self.sent.is_multiple_of(4) {
             std::thread::sleep(Duration::from_millis(1));
         }
     }

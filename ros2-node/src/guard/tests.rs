@@ -189,7 +189,7 @@ fn what_announces_more_than_it_holds_is_malformed() {
         parameter(0x0070, &[0; 1000]).repeat(5),
     ];
     for part in wrong {
-        let refused = send(&mut guard, &[endpoint(SENDER, 1, &[part.clone()])], "127.0.0.1");
+        let refused = send(&mut guard, &[endpoint(SENDER, 1, std::slice::from_ref(&part))], "127.0.0.1");
         assert!(matches!(refused, Err(Refusal::Malformed(_))), "{part:?}: {refused:?}");
     }
     let right = [
