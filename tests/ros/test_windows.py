@@ -660,10 +660,11 @@ class SameTrace(Windowed):
 
     def trace(self):
         """The first rows of the recording, once there are so many."""
-        file = self.files_at / "trace.csv"
 
         def rows():
-            lines = file.read_text().splitlines() if file.exists() else []
+            # It has its own name when it is complete.
+            files = list(self.files_at.glob("*.csv"))
+            lines = files[0].read_text().splitlines() if files else []
             # The last line may be cut.
             return lines[: self.STEPS] if len(lines) > self.STEPS + 1 else None
 

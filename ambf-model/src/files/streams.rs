@@ -22,7 +22,7 @@ pub fn print(text: &str) -> Result<(), WriteError> {
 /// Makes sure that what was printed has arrived, as far as that can be asked: some file systems tell when a file is closed.
 ///
 /// # Errors
-/// As [`print`].
+/// As [`print()`].
 pub fn close_output() -> Result<(), WriteError> {
     io::stdout().flush().map_err(failed)?;
     // A copy of the descriptor, since the original is the library's.
