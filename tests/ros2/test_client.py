@@ -12,7 +12,7 @@ from simulator import Simulator
 
 # There is no rospy here: without ROS_VERSION the client chooses ROS 2.
 CLIENT = REPOSITORY / "python/ambf_client"
-sys.path[:0] = [str(CLIENT / "src"), str(CLIENT / "tests"), str(REPOSITORY / "python/tests")]
+sys.path += [str(CLIENT / "src"), str(CLIENT / "tests"), str(REPOSITORY / "python/tests")]
 
 import jaws  # noqa: E402
 import test_objects  # noqa: E402

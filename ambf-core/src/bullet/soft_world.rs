@@ -169,8 +169,8 @@ impl World {
         })
     }
 
-    /// Sets all nodes to their positions when the body was added, at rest. Fixed nodes stay fixed; anchors and pulls
-    /// are kept.
+    /// Brings a soft body back to the state in which it was added, at rest, without pulls and forces. Anchors are kept. To be
+    /// followed by [`recover`](Self::recover).
     pub fn restore_soft_body(&mut self, handle: SoftBodyHandle) {
         let _arena = self.enter();
         if let Some(raw) = self.raw_soft(handle) {

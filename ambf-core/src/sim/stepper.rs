@@ -198,8 +198,8 @@ impl Stepper {
         Ok(0)
     }
 
-    /// Returns everything to the start, as [`new`](Self::new) left it: see [`Simulation::reset_world`]. Time and the count of
-    /// iterations stay what they are.
+    /// Returns everything to the start, as [`new`](Self::new) left it: see [`Simulation::reset_world`]. The iteration whose
+    /// commands are due is made anew from there, so that time and the count of iterations go on as without a reset.
     pub fn reset(&mut self) {
         let outcome = self.simulation.reset_at_rest();
         self.show_reset(outcome);

@@ -29,7 +29,7 @@ def arm(**options):
     return ambf.Simulation(ARM, launch_file=LAUNCH, **{"profile": "accurate", **options})
 
 
-def drive(sim, seed, calls=30):
+def drive(sim, seed, calls=30, clock=True):
     """Random commands of all kinds; everything that is seen, as bytes."""
     rng = np.random.default_rng(seed)
     base, flange = sim.body("arm7/base"), sim.body("arm7/flange")
@@ -40,14 +40,15 @@ def drive(sim, seed, calls=30):
         flange.kind = ambf.FORCE
         flange.wrench[:] = rng.uniform(-5, 5, size=6)
         sim.step(int(rng.integers(1, 20)))
-        seen.append(look(sim))
+        seen.append(look(sim, clock))
     return b"".join(seen)
 
 
-def look(sim):
-    """All states, as bytes."""
+def look(sim, clock=True):
+    """All states, as bytes, with the clock or without."""
     arrays = (sim.poses, sim.twists, sim.joint_positions, sim.joint_velocities, sim.joint_efforts, sim.measurements)
-    return b"".join(array.tobytes() for array in arrays) + repr((sim.sim_step, sim.sim_time)).encode()
+    time = repr((sim.sim_step, sim.sim_time)).encode() if clock else b""
+    return b"".join(array.tobytes() for array in arrays) + time
 
 
 class Loading(unittest.TestCase):
@@ -283,6 +284,34 @@ class Life(unittest.TestCase):
             drive(sim, 5)
             poses.append(sim.poses.tobytes())
         self.assertEqual(*poses)
+
+    def test_a_reset_is_the_start(self):
+        """To the bit, whatever was before; only time goes on. Commands that were written are gone, what was held is let go."""
+        for profile in ("legacy", "accurate"):
+            sim = arm(profile=profile)
+            flange = sim.body("arm7/flange")
+            before, first = look(sim, clock=False), drive(sim, 3, clock=False)
+            for speed in (None, 1e9, 1e300):
+                if speed:
+                    flange.kind, flange.target_twist[:] = ambf.VELOCITY, speed
+                    self.assertRaises(ambf.NonFiniteError, sim.step, 20)
+                step, now = sim.sim_step, sim.sim_time
+                sim.reset()
+                self.assertEqual(sim.sim_step, step + 1)
+                self.assertAlmostEqual(sim.sim_time, now + 0.001, delta=1e-12)
+                self.assertEqual(look(sim, clock=False), before, f"{profile} {speed}")
+                self.assertTrue((sim.kinds == ambf.NONE).all() and (sim.body("arm7/base").joint_kinds == ambf.NONE).all())
+                self.assertFalse(sim.wrenches.any() or sim.target_twists.any())
+                self.assertEqual(drive(sim, 3, clock=False), first, f"{profile} {speed}")
+            gripper = ambf.Simulation(GRIPPER, launch_file=LAUNCH, profile=profile)
+            holder = gripper.actuator("holder")
+            holder.hold(body="block")
+            gripper.step(5)
+            self.assertTrue(holder.holding)
+            gripper.reset()
+            self.assertFalse(holder.holding)
+            gripper.step(5)
+            self.assertFalse(holder.holding)
 
     def test_saved_states(self):
         """What is restored goes on as it did, with its commands; as often as wanted."""

@@ -123,7 +123,8 @@ class Simulation:
 
     @property
     def sim_step(self) -> int:
-        """Iteration whose states the arrays hold. It begins with 1: the scene before any command. Resets leave it alone.
+        """Iteration whose states the arrays hold. It begins with 1: the scene before any command. It goes on through resets: the
+        arrays then hold that scene as the next iteration.
 
         It wraps at 2**32.
         """
@@ -131,7 +132,7 @@ class Simulation:
 
     @property
     def sim_time(self) -> float:
-        """Simulated time, s. Resets leave it alone."""
+        """Simulated time, s. It goes on through resets."""
         return self._world.sim_time
 
     @property
@@ -164,7 +165,7 @@ class Simulation:
     def reset(self) -> None:
         """Returns everything to the start: states, and what follows under the same commands, are to the last bit those of a simulation
         that was just made. The arrays of commands are empty again, actuators hold nothing. Only `sim_step`, `sim_time` and
-        `lost_time` stay what they are.
+        `lost_time` go on.
         """
         self._world.reset()
 
