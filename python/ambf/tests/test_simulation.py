@@ -300,7 +300,9 @@ class Life(unittest.TestCase):
                 self.assertEqual(sim.sim_step, step + 1)
                 self.assertAlmostEqual(sim.sim_time, now + 0.001, delta=1e-12)
                 self.assertEqual(look(sim, clock=False), before, f"{profile} {speed}")
-                self.assertTrue((sim.kinds == ambf.NONE).all() and (sim.body("arm7/base").joint_kinds == ambf.NONE).all())
+                self.assertTrue(
+                    (sim.kinds == ambf.NONE).all() and (sim.body("arm7/base").joint_kinds == ambf.NONE).all()
+                )
                 self.assertFalse(sim.wrenches.any() or sim.target_twists.any())
                 self.assertEqual(drive(sim, 3, clock=False), first, f"{profile} {speed}")
             gripper = ambf.Simulation(GRIPPER, launch_file=LAUNCH, profile=profile)
