@@ -135,9 +135,12 @@ void ArticulatedWorld::restore_order(AmbConstraint *const *constraints, int n) {
   m_collisionObjects.quickSort(is_earlier);
   for (int i = 0; i < m_collisionObjects.size(); ++i) m_collisionObjects[i]->setWorldArrayIndex(i);
   m_nonStaticRigidBodies.quickSort(is_earlier);
+  for (int i = 0; i < m_nonStaticRigidBodies.size(); ++i) body_of(m_nonStaticRigidBodies[i])->place = i;
   m_constraints.resize(0);
   for (int i = 0; i < n; ++i) {
-    if (constraints[i]) m_constraints.push_back(constraints[i]->constraint.get());
+    if (!constraints[i]) continue;
+    constraint_places.add(constraints[i]->constraint.get(), m_constraints.size());
+    m_constraints.push_back(constraints[i]->constraint.get());
   }
 }
 

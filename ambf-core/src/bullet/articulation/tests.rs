@@ -175,6 +175,40 @@ fn a_reset_gives_the_initial_state_bit_for_bit() {
     assert_eq!(motion(&mut world), first);
 }
 
+/// A restart sorts lists in which bodies and constraints are found by the places that they had before: bodies beside the
+/// tree were taken out of the world instead of its links, and stood still.
+#[test]
+fn what_is_beside_a_tree_moves_and_is_removed_after_a_restart() {
+    let (mut world, bodies, joints) = chain(&[1.0, 2.0, 0.5]);
+    let free = [10.0, 11.0].map(|x| world.add_body(link(1.0, x)));
+    let weld = world.add_constraint(free[0], free[1], &hinge(ConstraintKind::Fixed, 0.5, -0.5)).unwrap();
+    world.articulate(&joints).unwrap();
+    let start = poses(&world, &free);
+    for _ in 0..2 {
+        run(&mut world, 100);
+        world.begin_restart();
+        for (&body, pose) in free.iter().zip(&start) {
+            world.reset_body(body, pose, None);
+        }
+        world.finish_restart();
+        run(&mut world, 100);
+        assert!(world.articulation(bodies[1]).is_some());
+        for (pose, start) in poses(&world, &free).iter().zip(&start) {
+            assert!((pose.translation.vector - start.translation.vector).norm() > 0.01, "it falls");
+        }
+    }
+    assert!(world.remove_constraint(weld));
+    world.set_velocity(free[0], &Vector3::new(0.0, 5.0, 0.0), &Vector3::zeros());
+    let before = poses(&world, &free);
+    run(&mut world, 100);
+    let after = poses(&world, &free);
+    let moved = |i: usize| after[i].translation.y - before[i].translation.y;
+    assert!(moved(0) - moved(1) > 0.5, "they part: {} {}", moved(0), moved(1));
+    assert!(world.remove_body(free[0]));
+    run(&mut world, 10);
+    assert!(poses(&world, &free[1..])[0].translation.vector != after[1].translation.vector, "the other one goes on");
+}
+
 #[test]
 fn what_is_no_tree_is_refused() {
     let (mut world, bodies, joints) = chain(&[1.0, 1.0, 1.0]);
