@@ -1,4 +1,4 @@
-"""Runs the tests of this folder, or of others, against the simulator: run.py [MODULE | FOLDER]…
+"""Runs the tests of this folder, or of others, against the simulator: run.py [MODULE | FILE | FOLDER]…
 
 Each module gets its own process, since a process can be a ROS node only once. Ends with one line `N passed, N failed`
 and exit status 1 if any failed."""
@@ -15,8 +15,11 @@ FOLDER = pathlib.Path(__file__).resolve().parent
 def files(arguments):
     """The modules that the arguments name."""
     for argument in arguments or [FOLDER]:
-        path = pathlib.Path(argument)
-        yield from sorted(path.resolve().glob("test_*.py")) if path.is_dir() else [FOLDER / f"{argument}.py"]
+        path = pathlib.Path(argument).resolve()
+        if path.is_dir():
+            yield from sorted(path.glob("test_*.py"))
+        else:
+            yield path if path.suffix == ".py" else FOLDER / f"{argument}.py"
 
 
 def run_module(path):
