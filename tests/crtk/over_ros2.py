@@ -2,7 +2,6 @@
 
 import os
 import pathlib
-import random
 import signal
 import subprocess
 import tempfile
@@ -10,9 +9,11 @@ import threading
 import time
 import types
 
+import domains
+
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 if not os.environ.get("CRTK_ARM"):
-    os.environ["ROS_DOMAIN_ID"] = str(random.randrange(1, 100))
+    os.environ["ROS_DOMAIN_ID"] = str(domains.take())
 
 import crtk_msgs.msg  # noqa: E402
 import crtk_msgs.srv  # noqa: E402

@@ -26,7 +26,7 @@ class Restart(unittest.TestCase):
 
     def test_10_a_state_command_that_is_older_than_the_simulator(self):
         """The publisher of state commands is latched: over ROS 1 the command is applied once, over ROS 2 it is not for the new one."""
-        self.assertEqual(arm.command("disable").state, "DISABLED")
+        self.assertEqual(arm.command("disable").state, "DISABLED", arm.states)
         count = len(arm.states)
         backend.restart()
         arm.check_connections()

@@ -2,7 +2,6 @@
 
 import os
 import pathlib
-import random
 import select
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
 sys.path.append(str(REPOSITORY / "tests"))
 
+import domains  # noqa: E402
 import waiting  # noqa: E402
 from waiting import PATIENCE_S  # noqa: E402
 
@@ -123,10 +123,11 @@ class Client:
 
 
 class Ros2Test(unittest.TestCase):
-    """A test in a domain that others hardly use at the same time."""
+    """A test in a domain of its own."""
 
     def setUp(self):
-        self.domain = random.SystemRandom().randint(1, 100)
+        self.domain = domains.take()
+        self.addCleanup(domains.give_back, self.domain)
 
     def peer(self, objects=0):
         """A program that lasts no longer than the test."""

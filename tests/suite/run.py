@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -94,6 +95,8 @@ def repeated(jobs, times):
 def main():
     """Runs what is asked for and returns the exit status."""
     arguments = options()
+    # As Ctrl+C: what runs is ended.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     wanted = chosen(arguments)
     begin_s = time.monotonic()
     runner = Runner(LANES, plan.TARGET / "tests")

@@ -1,7 +1,10 @@
 //! What tests and examples share: definitions of messages, waiting, participants of their own.
 #![allow(dead_code)]
 
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixListener};
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use ros2_node::{Description, Options, TypeName};
@@ -59,12 +62,20 @@ pub fn description(package: &str, name: &str) -> Description {
     Description::parse(TypeName::message(package, name), &definition(package, name)).unwrap()
 }
 
-/// Options of a test: on this machine, in a domain that other tests hardly use at the same time.
+/// Domains that tests of this program have: names in the system's table of sockets, as those of `tests/domains.py`.
+static DOMAINS: Mutex<Vec<UnixListener>> = Mutex::new(Vec::new());
+
+/// Options of a test: on this machine, in a domain that no other test has.
 pub fn options() -> Options {
     let mut random = [0; 1];
     std::io::Read::read_exact(&mut std::fs::File::open("/dev/urandom").unwrap(), &mut random).unwrap();
     let report = std::sync::Arc::new(|line: std::fmt::Arguments<'_>| eprintln!("{line}"));
-    Options { domain: 1 + u16::from(random[0]) % 100, report, ..Options::default() }
+    let take = |number: u16| {
+        let name = SocketAddr::from_abstract_name(format!("ambf-tests-domain-{number}")).unwrap();
+        UnixListener::bind_addr(&name).map(|mark| DOMAINS.lock().unwrap().push(mark)).is_ok()
+    };
+    let domain = (0..100).map(|i| 1 + (u16::from(random[0]) + i) % 100).find(|number| take(*number));
+    Options { domain: domain.expect("a domain that no test has"), report, ..Options::default() }
 }
 
 /// Waits until `condition`; fails when that takes long.
