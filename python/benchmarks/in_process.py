@@ -139,7 +139,7 @@ def reaching(found: list[Any], rounds: int) -> list[str]:
             best = ratio(row["ambf"], max(others, key=lambda value: value[1])) if others else ""
             cells = " | ".join(rate(row[name]) for name in lanes)
             lines.append(f"| {name_of(condition)} | {worlds} | {cells} | {best} |")
-    made = {"alone": (environment(make_reach(in_process=True)), 1), "over ROS": (environment(make_reach()), 1)}
+    made = {"alone": (environment(make_reach(in_process=True)), 1), "over ROS": (environment(make_reach("ros")), 1)}
     single = measure({name: (lane, factor) for name, ((lane, _), factor) in made.items()}, rounds)
     for (_, close), _ in made.values():
         close()

@@ -56,14 +56,14 @@ class Environments(support.TimedTest):
         """It finds nothing to complain of."""
         for name in ("Reach", "Lift"):
             with self.subTest(name):
-                env = self.make(gymnasium.make, f"ambf/{name}-v0")
+                env = self.make(gymnasium.make, f"ambf/{name}-v0", backend="ros")
                 check_env(env.unwrapped, skip_render_check=True)
 
     def test_trajectories_repeat_to_the_bit(self):
         """In simulators that were started afresh, same seeds and actions give the same bytes."""
         for maker in (make_reach, make_lift):
             with self.subTest(maker.__name__):
-                first, second = self.make(maker), self.make(maker)
+                first, second = self.make(maker, "ros"), self.make(maker, "ros")
                 found = roll_out(first, 30, seed=5)
                 self.assertEqual(found, roll_out(second, 30, seed=5))
                 self.assertNotEqual(found, roll_out(second, 30, seed=6))
@@ -79,7 +79,7 @@ class Environments(support.TimedTest):
 
     def test_no_step_is_skipped_or_doubled(self):
         """The simulator's own count says so."""
-        env = self.make(make_reach)
+        env = self.make(make_reach, "ros")
         env.reset(seed=1)
         begin = env.states.sim_step
         for step in range(1, 51):
@@ -101,7 +101,7 @@ class Environments(support.TimedTest):
 
     def test_lifting_and_placing_can_be_done(self):
         """By hand: the gripper fetches the block and puts it down at the goal."""
-        env = self.make(make_lift)
+        env = self.make(make_lift, "ros")
         for seed in range(3):
             observation, _ = env.reset(seed=seed)
             hand, over, total = Hand(), False, 0.0
@@ -112,7 +112,7 @@ class Environments(support.TimedTest):
 
     def test_actions_that_are_none(self):
         """Wrong shapes and NaN are refused and move nothing; beyond the bounds is moved to them."""
-        env = self.make(make_reach)
+        env = self.make(make_reach, "ros")
         with self.assertRaises(gymnasium.error.ResetNeeded):
             env.step(np.zeros(7))
         env.reset(seed=1)
@@ -122,7 +122,7 @@ class Environments(support.TimedTest):
         self.assertEqual(env.states.sim_step, at)
         observation, *_, info = env.step(np.full(7, 100.0))
         self.assertTrue(info["clipped"])
-        other = self.make(make_reach)
+        other = self.make(make_reach, "ros")
         other.reset(seed=1)
         same, *_, info = other.step(np.full(7, 0.08))
         self.assertFalse(info["clipped"])
@@ -130,7 +130,7 @@ class Environments(support.TimedTest):
 
     def test_a_simulator_that_is_killed_in_an_episode(self):
         """The step fails at once, the next reset starts another one."""
-        env = self.make(make_reach)
+        env = self.make(make_reach, "ros")
         first, _ = env.reset(seed=3)
         env.step(np.zeros(7))
         os.killpg(env._backend._process._process.pid, signal.SIGKILL)
@@ -198,7 +198,7 @@ class Processes(support.TimedTest):
             """
 import gymnasium, numpy, ambf_gym
 if __name__ == '__main__':
-    envs = gymnasium.make_vec('ambf/Reach-v0', num_envs=2, vectorization_mode='async')
+    envs = gymnasium.make_vec('ambf/Reach-v0', num_envs=2, vectorization_mode='async', backend='ros')
     observations, _ = envs.reset(seed=[4, 4])
     numpy.testing.assert_array_equal(observations[0], observations[1])
     for _ in range(60):
@@ -214,7 +214,7 @@ if __name__ == '__main__':
         self.run_program(
             """
 import gymnasium, numpy, ambf_gym
-envs = gymnasium.make_vec('ambf/Reach-v0', num_envs=2, vectorization_mode='sync')
+envs = gymnasium.make_vec('ambf/Reach-v0', num_envs=2, vectorization_mode='sync', backend='ros')
 observations, _ = envs.reset(seed=[4, 4])
 numpy.testing.assert_array_equal(observations[0], observations[1])
 for _ in range(10):
@@ -231,7 +231,7 @@ envs.close()
 import os, signal, ambf_gym
 from ambf_gym.tasks import make_reach
 if os.fork() == 0:
-    env = make_reach(); env.reset()
+    env = make_reach('ros'); env.reset()
     print('guard', env._backend._process._process.pid, flush=True)
     os.kill(os.getpid(), signal.SIGKILL)
 os.wait()
@@ -242,7 +242,7 @@ os.wait()
 
     def test_no_simulator_outlives_its_guard(self):
         """As when a program kills its children before it ends."""
-        env = make_reach()
+        env = make_reach("ros")
         self.addCleanup(env.close)
         env.reset()
         guard = env._backend._process._process.pid

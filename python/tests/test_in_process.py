@@ -81,7 +81,7 @@ class Environments(support.TimedTest):
         """Observations, rewards, ends and all states of both tasks over 225 steps in 3 episodes."""
         for maker in MAKERS:
             with self.subTest(maker.__name__):
-                here, there = self.make(maker, in_process=True), self.make(maker)
+                here, there = self.make(maker, in_process=True), self.make(maker, "ros")
                 self.assert_same(roll_out(here, 11), roll_out(there, 11))
 
     def test_the_same_as_over_ros_in_profile_legacy(self):
@@ -101,6 +101,19 @@ class Environments(support.TimedTest):
 
         here, there = (self.make(SimulatorEnv, backend(scene), task) for backend in (InProcessBackend, RosBackend))
         self.assert_same(roll_out(here, 2, episodes=1), roll_out(there, 2, episodes=1))
+
+    def test_one_environment_and_several_take_the_same_options(self):
+        """In this process unless ROS is asked for; the first world of several is the one alone."""
+        for options in ({}, {"in_process": True}, {"backend": "process"}, {"in_process": False}):
+            with self.subTest(options):
+                one = self.make(gymnasium.make, "ambf/Reach-v0", **options)
+                several = self.make(
+                    gymnasium.make_vec, "ambf/Reach-v0", 2, vectorization_mode="vector_entry_point", **options
+                )
+                is_here = isinstance(one.unwrapped._backend, InProcessBackend)
+                self.assertEqual(is_here, options.get("in_process", True))
+                self.assertEqual(isinstance(several.unwrapped, InProcessVectorEnv), is_here)
+                np.testing.assert_array_equal(one.reset(seed=3)[0], several.reset(seed=3)[0][0])
 
     def test_lifting_by_hand(self):
         """The policy of the task over ROS ends here too."""
@@ -142,7 +155,14 @@ class Environments(support.TimedTest):
         ):
             with self.subTest(options), self.assertRaises(InvalidDescription):
                 InProcessBackend(Scene(reach.SCENE.models, options=options))
-        self.assertRaises(InvalidDescription, make_reach, in_process=True, patience=3)
+        for options, message in (
+            ({"in_process": True, "patience": 3}, 'patience: .* backend "ros" only'),
+            ({"patience": 3}, 'backend "ros" only'),
+            ({"in_process": True, "backend": "ros"}, "contradict"),
+            ({"backend": "cloud"}, 'backend=.cloud.: expected "process", "ros" or a backend'),
+        ):
+            with self.subTest(options), self.assertRaisesRegex(InvalidDescription, message):
+                make_reach(**options)
         slow = InProcessBackend(Scene(reach.SCENE.models, options=("-p", "0.1")))
         self.assertRaises(ambf.LoadError, slow.open, ("arm7/base",), (), ())
         backend = InProcessBackend(reach.SCENE)

@@ -321,7 +321,7 @@ class OverRos(support.TimedTest):
 
     def test_what_is_not_published(self):
         """Is told, with what to do."""
-        env = make_reach(render_mode="rgb_array")
+        env = make_reach("ros", "rgb_array")
         self.addCleanup(env.close)
         env.reset(seed=0)
         with self.assertRaisesRegex(InvalidDescription, "publish image: true"):

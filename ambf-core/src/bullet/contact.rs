@@ -34,6 +34,18 @@ impl World {
         contacts.extend(raw.iter().map(Contact::of));
     }
 
+    /// All contact points of pairs of bodies, each with the body whose surface has the point and onto which the normal leads,
+    /// whatever their distance, as of the last sub-step. Soft bodies and ghosts do not count.
+    pub fn contact_points(&self) -> Vec<(BodyHandle, Contact)> {
+        let mut pairs = Vec::new();
+        let pairs = self.touching(&mut pairs);
+        let of = |pair: &sys::AmbTouching| {
+            let body = KeyData::from_ffi(pair.bodies[0]).into();
+            self.contacts_of_pair(pair, 0).map(move |contact| (body, contact))
+        };
+        pairs.iter().flat_map(of).collect()
+    }
+
     /// Fills `touching` with the pairs of bodies that have contact points, in the order of their manifolds.
     fn touching<'a>(&self, touching: &'a mut Vec<sys::AmbTouching>) -> &'a [sys::AmbTouching] {
         let write = |out: &mut [sys::AmbTouching]| {

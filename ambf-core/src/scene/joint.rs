@@ -54,11 +54,27 @@ impl JointType {
         }
     }
 
-    fn is_angular(self) -> bool {
+    /// Its name in model files, or in words of this project.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Revolute => "revolute",
+            Self::Prismatic => "prismatic",
+            Self::LinearSpring => "linear spring",
+            Self::TorsionSpring => "torsion spring",
+            Self::PointToPoint => "p2p",
+            Self::Fixed => "fixed",
+            Self::ConeTwist => "cone twist",
+            Self::SixDof => "six dof",
+            Self::SixDofSpring => "six dof spring",
+            Self::Unknown => "unknown",
+        }
+    }
+
+    pub(super) fn is_angular(self) -> bool {
         matches!(self, Self::Revolute | Self::TorsionSpring)
     }
 
-    fn is_linear(self) -> bool {
+    pub(super) fn is_linear(self) -> bool {
         matches!(self, Self::Prismatic | Self::LinearSpring)
     }
 

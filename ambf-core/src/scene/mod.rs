@@ -32,6 +32,7 @@ mod sensor;
 mod shape;
 mod shared;
 mod soft_body;
+mod states;
 mod targets;
 mod vehicle;
 mod visuals;
@@ -63,6 +64,7 @@ pub(crate) use saved::SavedScene;
 pub use sensor::{LocalRay, Sensed, Sensor};
 pub use shared::shared_shapes;
 pub use soft_body::SoftBody;
+pub use states::{SetStateError, StateChange};
 pub use vehicle::{Vehicle, Wheel};
 pub use visuals::{
     VisualActuator, VisualBody, VisualCamera, VisualJoint, VisualLight, VisualModel, VisualObject, VisualScene,

@@ -191,6 +191,11 @@ impl Simulation {
         self.physics.time.sim_time
     }
 
+    /// Length of a sub-step, s.
+    pub fn sub_step(&self) -> f64 {
+        self.physics.sub_step
+    }
+
     /// Iterations that stepped.
     pub fn sim_step(&self) -> u32 {
         self.physics.sim_step()

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::{Control, LostState, Models, SavedState, Simulation, WindowLink};
 use crate::bullet::{SolverStatistics, StateError};
 use crate::comm::{ActuatorCommand, Hub, HubIndex, ObjectList, RigidBodyCommand, Snapshot};
-use crate::scene::VisualScene;
+use crate::scene::{SetStateError, StateChange, VisualScene};
 
 /// A simulation without a clock and without threads of its own: it moves in [`step`](Self::step) and nowhere else.
 ///
@@ -210,6 +210,20 @@ impl Stepper {
         if self.lost.is_none() {
             self.published.publish(&mut self.simulation);
         }
+    }
+
+    /// Sets a state, and publishes it. It is the state before the commands of the next iteration: as after a reset, that
+    /// iteration publishes it once more, and the next one what became of it. Sensors follow with the iteration.
+    ///
+    /// # Errors
+    /// [`SetStateError`]; nothing has changed then.
+    pub fn set_state(&mut self, change: &StateChange) -> Result<(), SetStateError> {
+        if self.lost.is_some() {
+            return Err(SetStateError::Lost);
+        }
+        self.simulation.physics.scene.set_state(change)?;
+        self.published.publish(&mut self.simulation);
+        Ok(())
     }
 
     /// Saves everything: see [`Simulation::save`]; it is at rest.

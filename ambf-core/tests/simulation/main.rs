@@ -27,6 +27,7 @@ mod resources;
 mod robot_description;
 mod saved_common;
 mod saved_states;
+mod set_states;
 mod shared_worlds;
 mod soft_common;
 mod stepper;

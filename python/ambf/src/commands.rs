@@ -238,6 +238,10 @@ impl BodyCommands {
             if let Some(wrong) = numbers.iter().find(|number| !number.is_finite()) {
                 return Err(errors::invalid_command(py, format!("the command of {} holds {wrong}", body.name)));
             }
+            if numbers.get(3..7).is_some_and(|quaternion| quaternion.iter().all(|number| *number == 0.0)) {
+                let problem = format!("the quaternion commanded to {} is zero, which is no orientation", body.name);
+                return Err(errors::invalid_command(py, problem));
+            }
             changed.push(row);
         }
         Ok(())

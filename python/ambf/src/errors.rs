@@ -1,6 +1,7 @@
 //! Exceptions. Their classes are Python's, in `ambf.errors`.
 
 use ambf_core::bullet::StateError;
+use ambf_core::scene::SetStateError;
 use ambf_core::sim::LostState;
 use ambf_core::text::lines;
 use ambf_render::{NoSuchCamera, RenderError};
@@ -47,6 +48,11 @@ pub fn state(py: Python<'_>, problem: &StateError) -> PyErr {
         _ => problem.to_string(),
     };
     raise(py, "StateError", (message,))
+}
+
+/// Error when a state can't be set; nothing has changed.
+pub fn set_state(py: Python<'_>, problem: &SetStateError) -> PyErr {
+    raise(py, "StateError", (lines(&problem.to_string()).into_owned(),))
 }
 
 /// Error when there is no such camera, or several.

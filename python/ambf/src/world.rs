@@ -6,13 +6,14 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::adf::Launch;
-use ambf_core::bullet::EnergyLedger;
+use ambf_core::bullet::{EnergyLedger, Ray, RayHit, RayTarget};
 use ambf_core::comm::{ActuatorCommand, HubIndex, ObjectKind, Snapshot};
-use ambf_core::ids::{ActuatorId, SensorId};
+use ambf_core::ids::{ActuatorId, BodyId, JointId, SensorId};
+use ambf_core::scene::{Joint, StateChange};
 use ambf_core::sim::{LostState, Stepper, StepperState};
 use ambf_core::text;
 use ambf_render::camera_labels;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use numpy::{PyArray1, PyArrayMethods};
 use parking_lot::Mutex;
 use pyo3::prelude::*;
@@ -212,9 +213,20 @@ impl World {
         *self.clock.lock()
     }
 
+    /// The row of a body; -1: it has none.
+    fn row_of(&self, body: BodyId) -> i64 {
+        self.rows.iter().position(|row| row.id == body).map_or(-1, |row| row as i64)
+    }
+
     fn row(&self, body: usize) -> PyResult<&Row> {
         self.rows.get(body).ok_or_else(|| no_such("body", body, self.rows.len()))
     }
+}
+
+/// Values of the rows of bodies, without those that hold a number that is none.
+fn given<const N: usize>(rows: &[Row], values: Option<Vec<[f64; N]>>) -> impl Iterator<Item = (BodyId, [f64; N])> + '_ {
+    let values = values.unwrap_or_default().into_iter();
+    rows.iter().map(|row| row.id).zip(values).filter(|(_, value)| !value.iter().any(|number| number.is_nan()))
 }
 
 fn no_such(what: &str, index: usize, count: usize) -> PyErr {
@@ -522,6 +534,120 @@ impl World {
             self.commands.clear(py)?;
             self.refresh(py, physics.stepper.snapshot())
         })?
+    }
+
+    /// Numbers that are no numbers leave what they stand for as it is.
+    #[pyo3(signature = (joint_positions, joint_velocities, poses, twists))]
+    fn set_state(
+        &self,
+        py: Python<'_>,
+        joint_positions: Option<Vec<f64>>,
+        joint_velocities: Option<Vec<f64>>,
+        poses: Option<Vec<[f64; 7]>>,
+        twists: Option<Vec<[f64; 6]>>,
+    ) -> PyResult<()> {
+        let joints = |values: Option<Vec<f64>>| {
+            let given = values.unwrap_or_default().into_iter().enumerate().filter(|(_, value)| !value.is_nan());
+            given.map(|(index, value)| (JointId::new(index), value)).collect()
+        };
+        let pose_of = |[x, y, z, i, j, k, w]: [f64; 7]| {
+            let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+            Isometry3::from_parts(Translation3::new(x, y, z), rotation)
+        };
+        let twist_of = |twist: [f64; 6]| [0, 3].map(|first| Vector3::from_column_slice(&twist[first..first + 3]));
+        let change = StateChange {
+            positions: joints(joint_positions),
+            rates: joints(joint_velocities),
+            poses: given(&self.rows, poses).map(|(body, pose)| (body, pose_of(pose))).collect(),
+            twists: given(&self.rows, twists).map(|(body, twist)| (body, twist_of(twist))).collect(),
+        };
+        self.with(py, |physics| {
+            physics.stepper.set_state(&change).map_err(|problem| errors::set_state(py, &problem))?;
+            self.refresh(py, physics.stepper.snapshot())
+        })?
+    }
+
+    /// For each contact point: rows of the two bodies (-1: none) and their names, then 11 numbers: point, normal, distance,
+    /// force.
+    #[allow(clippy::type_complexity)]
+    fn contacts<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Vec<[i64; 2]>, Vec<(String, String)>, Bound<'py, PyArray1<f64>>)> {
+        let (mut rows, mut names, mut numbers) = (Vec::new(), Vec::new(), Vec::new());
+        self.with(py, |physics| {
+            let simulation = physics.stepper.simulation();
+            let scene = simulation.scene();
+            for (body, contact) in scene.world.contact_points() {
+                let found = [body, contact.other].map(|handle| scene.bodies.id_of(handle));
+                let [Some(first), Some(second)] = found else { continue };
+                rows.push([first, second].map(|id| self.row_of(id)));
+                let name = |id: BodyId| names::of_body(&scene.bodies[id]);
+                names.push((name(first), name(second)));
+                let force = contact.impulse / simulation.sub_step();
+                numbers.extend(contact.point.iter().chain(contact.normal.iter()));
+                numbers.extend([contact.distance, force]);
+            }
+        })?;
+        Ok((rows, names, PyArray1::from_vec(py, numbers)))
+    }
+
+    /// Rows of the bodies that rays from `origins` to `ends` meet first (-1: none that has a row, -2: nothing), and for each
+    /// ray the share of the way, the point and the normal.
+    fn cast_rays<'py>(
+        &self,
+        py: Python<'py>,
+        origins: Vec<[f64; 3]>,
+        ends: Vec<[f64; 3]>,
+    ) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>)> {
+        let rays: Vec<Ray> =
+            origins.iter().zip(&ends).map(|(from, to)| Ray { from: (*from).into(), to: (*to).into() }).collect();
+        let mut hits = vec![None; rays.len()];
+        let mut numbers = Vec::with_capacity(7 * rays.len());
+        let rows: Vec<i64> = self.with(py, |physics| {
+            let scene = physics.stepper.simulation().scene();
+            scene.world.cast_rays(&rays, &mut hits);
+            let row = |target: RayTarget| match target {
+                RayTarget::Body(handle) => scene.bodies.id_of(handle).map_or(-1, |id| self.row_of(id)),
+                _ => -1,
+            };
+            hits.iter().map(|hit| hit.map_or(-2, |hit: RayHit| row(hit.target))).collect()
+        })?;
+        for hit in &hits {
+            let Some(RayHit { fraction, point, normal, .. }) = hit else {
+                numbers.extend([f64::INFINITY, f64::NAN, f64::NAN, f64::NAN, 0.0, 0.0, 0.0]);
+                continue;
+            };
+            numbers.push(*fraction);
+            numbers.extend(point.iter().chain(normal.iter()));
+        }
+        Ok((PyArray1::from_vec(py, rows), PyArray1::from_vec(py, numbers)))
+    }
+
+    /// Mass and principal moments of each body, and lower and upper limit of each joint.
+    fn constants<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>)> {
+        let (bodies, joints) = self.with(py, |physics| {
+            let scene = physics.stepper.simulation().scene();
+            let body = |row: &Row| {
+                let body = &scene.bodies[row.id];
+                [body.mass, body.inertia.x, body.inertia.y, body.inertia.z]
+            };
+            let limits = |joint: &Joint| match joint.limits {
+                Some(limits) if limits.low <= limits.high => [limits.low, limits.high],
+                _ => [f64::NEG_INFINITY, f64::INFINITY],
+            };
+            let bodies: Vec<f64> = self.rows.iter().flat_map(body).collect();
+            (bodies, scene.joints.iter().flat_map(limits).collect::<Vec<f64>>())
+        })?;
+        Ok((PyArray1::from_vec(py, bodies), PyArray1::from_vec(py, joints)))
+    }
+
+    #[getter]
+    fn joint_types(&self, py: Python<'_>) -> PyResult<Vec<&'static str>> {
+        self.with(py, |physics| {
+            let scene = physics.stepper.simulation().scene();
+            scene.joints.iter().map(|joint| joint.joint_type.name()).collect()
+        })
     }
 
     fn save(&self, py: Python<'_>) -> PyResult<State> {

@@ -117,7 +117,18 @@ class Loading(unittest.TestCase):
         self.assertEqual((sim.lost_time, round(sim.sim_time, 9)), (0.0, 0.05))
 
     def test_names(self):
-        """A part is enough if it is unique."""
+        """A part is enough if it is unique; what a whole name ends with comes before other parts."""
+        with tempfile.TemporaryDirectory() as folder:
+            scene = pathlib.Path(folder) / "boxes.yaml"
+            body = "BODY {0}: {{name: {0}, mass: 1, mesh: '', collision shape: BOX, collision geometry: {{x: 1, y: 1, z: 1}}}}\n"
+            names = ("TiltedBox", "Box", "BoxLid")
+            scene.write_text(
+                f"bodies: [{', '.join('BODY ' + name for name in names)}]\n" + "".join(map(body.format, names))
+            )
+            sim = ambf.Simulation(scene)
+            self.assertTrue(sim.body("Box").name.endswith("/Box"))
+            self.assertTrue(sim.body("Tilted").name.endswith("/TiltedBox"))
+            self.assertRaisesRegex(ambf.NotFoundError, "none of the bodies; near it: TiltedBox", sim.body, "TitledBox")
         sim = arm()
         with self.assertRaisesRegex(ambf.NotFoundError, "several bodies: .*shoulder.*, "):
             sim.body("arm7")
@@ -173,6 +184,53 @@ class Arrays(unittest.TestCase):
             with self.assertRaises(ValueError):
                 array[...] = 0
 
+    def test_assignment_writes_into_the_arrays(self):
+        """The arrays stay those that the simulator uses; what it can't use is refused at once, and changes nothing."""
+        with arm() as sim:
+            flange, base = sim.body("flange"), sim.body("arm7/base")
+            wrench, twists, commands = flange.wrench, sim.target_twists, base.joint_commands
+            flange.kind, flange.wrench = ambf.FORCE, (0, 0, 5, 0, 0, 0)
+            flange.wrench += 1
+            sim.target_twists = 0.25
+            base.joint_kinds, base.joint_commands = ambf.POSITION, np.linspace(0, 0.6, 7)
+            base.joint_commands[0] = 0.1
+            self.assertIs(flange.wrench, wrench)
+            self.assertEqual(list(sim.wrenches[flange.index]), [1, 1, 6, 1, 1, 1])
+            self.assertTrue((twists == 0.25).all())
+            self.assertEqual((commands[0], commands[6]), (0.1, 0.6))
+            flange.wrench = 0
+            sim.step(500)
+            self.assertAlmostEqual(sim.joint_positions[base.joint_indices[6]], 0.6, delta=0.1)
+            for name, value, message in (
+                ("wrench", (1, 2), r"wrench: expected \(6,\) numbers, not \(2,\)"),
+                ("wrench", (0, 0, 0, 0, 0, float("nan")), "not finite"),
+                ("target_pose", np.zeros(7), "quaternion .* is zero"),
+                ("kind", 9, "9 is no kind of command; expected NONE"),
+                ("kind", -2, "-2 is no kind"),
+                ("joint_kinds", [9], "9 is no kind"),
+            ):
+                with self.subTest(name, value=value), self.assertRaisesRegex(ValueError, message):
+                    setattr(flange if name != "joint_kinds" else base, name, value)
+            self.assertEqual(list(flange.wrench), [0] * 6)
+            self.assertEqual(flange.kind, ambf.FORCE)
+            for handle, name in ((sim, "poses"), (sim, "joint_positions"), (flange, "pose"), (base, "joint_positions")):
+                with self.subTest(name), self.assertRaises(AttributeError):
+                    setattr(handle, name, 0)
+            flange.kind, flange.target_pose[3:] = ambf.POSITION, 0.0
+            with self.assertRaisesRegex(ambf.InvalidCommand, "quaternion commanded to .*flange is zero"):
+                sim.step()
+
+    def test_steps_are_counted_from_zero(self):
+        """Other numbers are refused in words."""
+        with arm() as sim:
+            for steps in (-1, 2**32):
+                self.assertRaisesRegex(ValueError, r"expected 0 to 4294967295 iterations", sim.step, steps)
+                self.assertRaisesRegex(ValueError, r"expected 0 to", ambf.step_all, [sim], [steps])
+            self.assertRaises(TypeError, sim.step, 1.5)
+            sim.step(np.int64(2))
+            ambf.step_all([sim], np.array([2]))
+            self.assertEqual(sim.sim_step, 4)
+
     def test_commands(self):
         """They stay in force until they are changed."""
         sim = ambf.Simulation(RESOURCES / "models/pendulum.yaml", world=RESOURCES / "world/world.yaml")
@@ -212,7 +270,7 @@ class Arrays(unittest.TestCase):
         base.joint_kinds[2] = 7
         self.assertRaisesRegex(ambf.InvalidCommand, "roll.*kind 7", sim.step)
         base.joint_kinds[2] = ambf.NONE
-        flange.kind = -2
+        sim.kinds[flange.index] = -2
         self.assertRaisesRegex(ValueError, "flange: kind -2", sim.step)
         flange.kind, flange.wrench[4] = ambf.FORCE, np.nan
         self.assertRaisesRegex(ambf.InvalidCommand, "flange", sim.step)
@@ -512,6 +570,103 @@ class Threads(unittest.TestCase):
             os._exit(0 if sims[1].sim_step == 10 else 1)
         self.assertEqual(os.waitpid(child, 0)[1], 0)
         ambf.step_all(sims, 5)
+
+
+class States(unittest.TestCase):
+    """States that are set, and what is asked about the scene."""
+
+    def test_a_state_is_set_and_shown(self):
+        """By array or by name; the next iteration shows it again, and the one after it the motion."""
+        with arm() as sim:
+            base, flange = sim.body("arm7/base"), sim.body("arm7/flange")
+            wanted = np.full(len(sim.joints), np.nan)
+            wanted[base.joint_indices] = np.linspace(0.1, 0.7, 7)
+            sim.set_state(joint_positions=wanted, joint_velocities={"yaw": 0.5})
+            np.testing.assert_allclose(base.joint_positions, np.linspace(0.1, 0.7, 7), atol=1e-9)
+            np.testing.assert_allclose(base.joint_velocities, [0.5, 0, 0, 0, 0, 0, 0], atol=0.02)
+            seen = flange.pose.copy()
+            sim.step(1)
+            np.testing.assert_array_equal(flange.pose, seen)
+            sim.step(1)
+            self.assertAlmostEqual(base.joint_positions[0], 0.1005, delta=1e-4)
+            sim.step(100)
+            sim.set_state(joint_positions=wanted, joint_velocities=np.zeros(len(sim.joints)))
+            np.testing.assert_allclose(flange.pose, seen, atol=1e-9)
+            np.testing.assert_allclose(flange.twist, 0, atol=1e-9)
+
+    def test_a_block_is_placed(self):
+        """Free bodies take poses and twists."""
+        with ambf.Simulation(GRIPPER, profile="accurate") as sim:
+            block = sim.body("block")
+            sim.set_state(poses={"block": (0.1, 0.2, 0.5, 0, 0, 0, 2)}, twists={block.index: (0, 0, 1, 0, 0, 3)})
+            np.testing.assert_allclose(block.pose, (0.1, 0.2, 0.5, 0, 0, 0, 1), atol=1e-12)
+            np.testing.assert_allclose(block.twist, (0, 0, 1, 0, 0, 3), atol=1e-12)
+            sim.step(101)
+            self.assertAlmostEqual(block.pose[2], 0.5 + 0.1 - 9.81 * 0.01 / 2, delta=2e-3)
+
+    def test_what_can_not_be_set(self):
+        """Is said, and changes nothing."""
+        with arm() as sim:
+            before = look(sim)
+            for error, message, options in (
+                (ambf.StateError, "joint shoulder: 9 is not within its limits", {"joint_positions": {"shoulder": 9}}),
+                (ambf.StateError, "pose of flange cannot be set: it hangs", {"poses": {"flange": [0] * 6 + [1]}}),
+                (ambf.NotFoundError, "none of the joints; near it: shoulder", {"joint_positions": {"shuolder": 0}}),
+                (ValueError, r"expected \(\d+,\) numbers, not \(1,\)", {"joint_positions": [1]}),
+                (ValueError, r"poses of flange: expected \(7,\) numbers", {"poses": {"flange": [1]}}),
+                (ValueError, "quaternion", {"poses": {"flange": [0] * 7}}),
+            ):
+                with self.subTest(message), self.assertRaisesRegex(error, message):
+                    sim.set_state(**options)
+            self.assertEqual(look(sim), before)
+
+    def test_contacts(self):
+        """A box of 2 kg at rest presses on the floor with its weight."""
+        with tempfile.TemporaryDirectory() as folder:
+            scene = pathlib.Path(folder) / "box.yaml"
+            scene.write_text(
+                "bodies: [BODY Floor, BODY Box]\n"
+                "BODY Floor: {name: Floor, mass: 0, mesh: '', passive: true, collision shape: PLANE, collision geometry: "
+                "{normal: {x: 0, y: 0, z: 1}, offset: 0}}\n"
+                "BODY Box: {name: Box, mass: 2, mesh: '', collision shape: BOX, collision geometry: {x: 0.2, y: 0.2, z: 0.2},"
+                " location: {position: {x: 0, y: 0, z: 0.1}}}\n"
+            )
+            with ambf.Simulation(scene, profile="accurate") as sim:
+                sim.step(300)
+                found = sim.contacts()
+                self.assertAlmostEqual(found.forces.sum(), 2 * 9.8, delta=0.01)
+                box = sim.body("Box").index
+                for bodies, names in zip(found.bodies, found.names):
+                    self.assertEqual(sorted(bodies), [-1, box])
+                    self.assertEqual({name.split("/")[-1] for name in names}, {"Floor", "Box"})
+                sign = np.where(found.bodies[:, :1] == box, 1.0, -1.0)
+                np.testing.assert_allclose(found.normals * sign, [[0, 0, 1]] * len(sign), atol=1e-9)
+                np.testing.assert_allclose(found.points[:, 2], 0, atol=1e-3)
+
+    def test_rays(self):
+        """They meet the block from above, in any shape of arguments."""
+        with ambf.Simulation(GRIPPER, profile="accurate") as sim:
+            block = sim.body("block")
+            above, aside = block.pose[:3].copy(), np.array((1.0, 0, 0))
+            down = sim.cast_rays(above - (0, 0, 5), (0, 0, 2), length=10)
+            self.assertEqual(down.bodies.shape, (1,))
+            several = sim.cast_rays(np.array([above + aside, above + 900 * aside]), (-1, 0, 0), 2)
+            self.assertEqual(several.bodies[1], -2)
+            self.assertEqual(several.distances[1], np.inf)
+            self.assertTrue(0 < several.distances[0] < 1 and several.bodies[0] >= -1)
+            np.testing.assert_allclose(several.normals[0], (1, 0, 0), atol=1e-6)
+            for wrong in (((0, 0), (1, 0, 0)), ((0, 0, 0), (0, 0, 0)), ((0, 0, np.nan), (1, 0, 0))):
+                self.assertRaises(ValueError, sim.cast_rays, *wrong)
+
+    def test_constants(self):
+        """Masses, inertias, limits and types are those of the file."""
+        with arm() as sim:
+            base = sim.body("arm7/base")
+            self.assertEqual(sim.masses[base.index], 0)
+            self.assertTrue((sim.inertias[sim.masses > 0] > 0).all())
+            i = base.joint_indices[0]
+            self.assertEqual((sim.joint_types[i], tuple(sim.joint_limits[i])), ("revolute", (-2.9, 2.9)))
+            self.assertRaises(ValueError, sim.masses.__setitem__, 0, 1.0)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import unittest
 
 import gymnasium
 import numpy as np
-from ambf_gym import InvalidAction, InvalidDescription, Pixels, Scene, SimulatorEnv, Task
+from ambf_gym import InvalidAction, InvalidDescription, NotObserved, Pixels, Scene, SimulatorEnv, Task
 from ambf_gym.backend import FORCE, POSITION, VELOCITY, BodyCommand, BodyState, Commands, SensorState, States, array
 from ambf_gym.parts import (
     DriveBody,
@@ -293,7 +293,15 @@ class Episodes(unittest.TestCase):
         self.assertRaises(ValueError, env.reset, options={"speed": 1})
 
     def test_names_that_are_not_there(self):
-        """Joints are looked for when the scene is known."""
+        """Joints are looked for when the scene is known; what is not observed is named, with what is."""
+
+        def reward(transition):
+            return transition.after.bodies["amr"].position[0]
+
+        wrong = SimulatorEnv(Toy(), Task((JointPositions("arm", ("a",)),), (DriveJoints("arm", ("a",)),), reward))
+        wrong.reset()
+        with self.assertRaisesRegex(NotObserved, '"amr" is no body that the task names .*: there are arm'):
+            wrong.step([0.0])
         env = SimulatorEnv(Toy(), task((), (JointPositions("arm", ("c",)),)))
-        with self.assertRaisesRegex(InvalidDescription, "arm has no joints c"):
+        with self.assertRaisesRegex(InvalidDescription, '"c" is no joint of arm: there are a, b'):
             env.reset()

@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 import atexit
+import difflib
+import operator
 import os
 import weakref
 from types import TracebackType
-from typing import Any, Dict, List, Optional, Sequence, Tuple, Type, Union, overload
+from typing import (
+    Any,
+    Callable,
+    Dict,
+    Iterable,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Tuple,
+    Type,
+    Union,
+    overload,
+)
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from . import _ambf
 from ._ambf import State
@@ -21,20 +37,69 @@ Path = Union[str, "os.PathLike[str]"]
 Camera = Union[str, int, None]
 """A camera by its name, or the only one whose name contains it; by its index in `Simulation.cameras`; or the first (None)."""
 
+Values = Union[ArrayLike, Mapping[Union[str, int], ArrayLike]]
+"""Numbers in the order of an array, or by name."""
+
 _MOST_PIXELS = 16384
+_MOST_STEPS = 2**32 - 1
 
 NONE, FORCE, POSITION, VELOCITY = -1, 0, 1, 2
 """Kinds of commands."""
 EFFORT = FORCE
 """What a force is called where a joint is driven."""
+_KINDS = "NONE (-1), FORCE or EFFORT (0), POSITION (1) or VELOCITY (2)"
 
 
-class Simulation:
+class Contacts(NamedTuple):
+    """Contact points, one a row."""
+
+    bodies: NDArray[np.intp]
+    """(contacts x 2) rows of the two bodies in the arrays of bodies; -1: a passive body, which has none."""
+    names: Tuple[Tuple[str, str], ...]
+    """Names of the two bodies."""
+    points: Array
+    """(contacts x 3) on the surface of the first body, m, world axes."""
+    normals: Array
+    """(contacts x 3) unit normals from the second body to the first, world axes."""
+    distances: Array
+    """(contacts) m; negative: they penetrate."""
+    forces: Array
+    """(contacts) normal force in the last sub-step, N, not negative."""
+
+
+class Rays(NamedTuple):
+    """What rays have met, one a row."""
+
+    bodies: NDArray[np.int64]
+    """(rays) row of the body in the arrays of bodies; -1: something without a row there, such as a passive body; -2: nothing."""
+    distances: Array
+    """(rays) from the origin, m; infinite: nothing."""
+    points: Array
+    """(rays x 3) m, world axes; NaN: nothing."""
+    normals: Array
+    """(rays x 3) unit normal of the surface, towards the origin, world axes; 0: nothing."""
+
+
+class _Arrays:
+    """What has arrays as attributes: assigning to one writes into it, as the simulator goes on to use the array itself."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        array = self.__dict__.get(name)
+        if not isinstance(array, np.ndarray):
+            super().__setattr__(name, value)
+        elif not array.flags.writeable:
+            raise AttributeError(f"{name} is what the simulation has measured; it can't be assigned")
+        elif value is not array:
+            _write(name, array, value)
+
+
+class Simulation(_Arrays):
     """A scene that moves when `step` is called.
 
     **States** are arrays that the simulation writes at the end of `step`, `reset` and `restore`: they need not be asked for again,
     and can't be written. World axes, m, rad, s; quaternions x, y, z, w. **Commands** are arrays that `step` reads; they stay in force
-    until they are changed or all is reset. A command that is not finite is an `InvalidCommand`, and nothing moves.
+    until they are changed or all is reset. Assigning to their names writes into them: `body.wrench = (0, 0, 5, 0, 0, 0)`. A command that
+    is not finite, of no known kind, or a pose whose quaternion is zero, is an `InvalidCommand`, and nothing moves.
 
     An iteration is update (Bullet), commands, publication; between calls the physics rests after an update, before the commands. So a
     command acts from the second iteration of a call on, and the states are those that the last iteration published: exactly as over
@@ -119,6 +184,17 @@ class Simulation:
         """(bodies x 7) position, m, and quaternion, for kind POSITION."""
         self.target_twists: Array = inside.target_twists
         """(bodies x 6) velocity, m/s, and angular velocity, rad/s, for kind VELOCITY."""
+        bodies, joints = (numbers.reshape(-1, width) for numbers, width in zip(inside.constants(), (4, 2)))
+        for numbers in (bodies, joints):
+            numbers.flags.writeable = False
+        self.masses: Array = bodies[:, 0]
+        """(bodies) kg; 0: static. Read-only."""
+        self.inertias: Array = bodies[:, 1:]
+        """(bodies x 3) principal moments of inertia about the centre of mass, kg·m². Read-only."""
+        self.joint_limits: Array = joints
+        """(joints x 2) lower and upper limit, rad or m; infinite where there is none. Read-only."""
+        self.joint_types: Tuple[str, ...] = tuple(inside.joint_types)
+        """(joints) "revolute", "prismatic", "linear spring", "torsion spring"; and those without a coordinate: "fixed", "p2p", …"""
         self._handles: Dict[int, Body] = {}
 
     @property
@@ -141,7 +217,11 @@ class Simulation:
         return self._world.lost_time
 
     def body(self, name: Union[str, int]) -> Body:
-        """The body of that name, or the only one whose name contains it, or at that index. Raises NotFoundError."""
+        """The body of that name, else the only one whose name ends with it after a slash, else the only one whose name contains it; or
+        that at an index.
+
+        Raises NotFoundError.
+        """
         index = _find(name, self.bodies, "bodies")
         if index not in self._handles:
             self._handles[index] = Body(self, index)
@@ -158,9 +238,9 @@ class Simulation:
     def step(self, steps: int = 1) -> None:
         """Makes `steps` iterations under the commands of the arrays; 0 changes nothing.
 
-        Raises NonFiniteError, InvalidCommand, ClosedError or BusyError.
+        Raises ValueError if `steps` is negative or above 2**32 - 1; NonFiniteError, InvalidCommand, ClosedError or BusyError.
         """
-        self._world.step(steps)
+        self._world.step(_steps(steps))
 
     def reset(self) -> None:
         """Returns everything to the start: states, and what follows under the same commands, are to the last bit those of a simulation
@@ -168,6 +248,62 @@ class Simulation:
         `lost_time` go on.
         """
         self._world.reset()
+
+    def set_state(
+        self,
+        *,
+        joint_positions: Optional[Values] = None,
+        joint_velocities: Optional[Values] = None,
+        poses: Optional[Values] = None,
+        twists: Optional[Values] = None,
+    ) -> None:
+        """Sets joint positions (rad, m), joint velocities (rad/s, m/s), poses of body frames (m, quaternion) and twists (velocity of the
+        centre of mass, m/s, and angular velocity, rad/s; world axes), and shows them in the arrays.
+
+        Each is an array as that of the same name, in which NaN leaves what it stands for as it is, or a dict by names (or indices):
+        `set_state(joint_positions={"elbow": 0.5}, poses={"block": (0, 0, 1, 0, 0, 0, 1)})`. Poses and twists are those of bodies that
+        hang below no joint; what hangs below them goes along. Joints that are not named keep position and velocity relative to their
+        parent; those that close loops follow. Nothing else moves, and commands stay in force; controllers forget what they remember of
+        what was set.
+
+        It is the state before the commands of the next iteration: as after `reset`, `step(1)` shows it once more, and the next iteration
+        what became of it. Raises StateError, and changes nothing, if a coordinate is beyond its limits, a joint has none, a loop would
+        open, or the state was lost; NotFoundError, ValueError, ClosedError, BusyError.
+        """
+        self._world.set_state(
+            _values("joint_positions", joint_positions, self.joints, ()),
+            _values("joint_velocities", joint_velocities, self.joints, ()),
+            _values("poses", poses, self.bodies, (7,)),
+            _values("twists", twists, self.bodies, (6,)),
+        )
+
+    def contacts(self) -> Contacts:
+        """All contact points between bodies, as of the last sub-step; those whose distance is positive do not touch yet.
+
+        Raises ClosedError, BusyError.
+        """
+        rows, names, numbers = self._world.contacts()
+        table = numbers.reshape(-1, 8)
+        bodies = np.array(rows, dtype=np.intp).reshape(-1, 2)
+        return Contacts(bodies, tuple(names), table[:, :3], table[:, 3:6], table[:, 6], table[:, 7])
+
+    def cast_rays(self, origins: ArrayLike, directions: ArrayLike, length: float = 100.0) -> Rays:
+        """What rays meet first: `origins` and `directions` are (rays x 3) or (3), world axes, m; a direction has any length above 0.
+        They end after `length` m.
+
+        A ray that starts inside a convex body does not meet it. Raises ValueError, ClosedError, BusyError.
+        """
+        begins, ways = np.broadcast_arrays(np.asarray(origins, np.float64), np.asarray(directions, np.float64))
+        if begins.shape[-1:] != (3,) or begins.ndim > 2:
+            raise ValueError(f"origins and directions: expected (rays x 3) numbers or 3, not {begins.shape}")
+        begins, ways = begins.reshape(-1, 3), ways.reshape(-1, 3)
+        norms = np.linalg.norm(ways, axis=1, keepdims=True)
+        if not (np.isfinite(begins).all() and np.isfinite(norms).all() and (norms > 0).all() and 0 < length < np.inf):
+            raise ValueError("origins, directions and length must be finite, and directions and length not zero")
+        ends = begins + ways / norms * length
+        rows, numbers = self._world.cast_rays(begins.tolist(), ends.tolist())
+        table = numbers.reshape(-1, 7)
+        return Rays(rows, table[:, 0] * length, table[:, 1:4], table[:, 4:])
 
     def save(self) -> State:
         """Everything that decides what happens from now on: the physics to the last bit, time, commands.
@@ -357,7 +493,7 @@ class Viewer:
         self.close()
 
 
-class Body:
+class Body(_Arrays):
     """A body of a simulation and the joints below it. Its arrays are rows of those of the simulation."""
 
     def __init__(self, simulation: Simulation, index: int) -> None:
@@ -391,6 +527,8 @@ class Body:
 
     @kind.setter
     def kind(self, kind: int) -> None:
+        if kind not in (NONE, FORCE, POSITION, VELOCITY):
+            raise ValueError(f"kind: {kind} is no kind of command; expected {_KINDS}")
         self.simulation.kinds[self.index] = kind
 
     @property
@@ -409,7 +547,7 @@ class Body:
         return self.simulation.joint_efforts[self.joint_indices]
 
 
-class Sensor:
+class Sensor(_Arrays):
     """A sensor of a simulation."""
 
     def __init__(self, simulation: Simulation, index: int) -> None:
@@ -462,7 +600,8 @@ def step_all(simulations: Sequence[Simulation], steps: Union[int, Sequence[int]]
     first is raised; `NonFiniteError.index` says which it is.
     """
     worlds = [simulation._world for simulation in simulations]
-    problems = _ambf.step_all(worlds, steps if isinstance(steps, int) else list(steps))
+    numbers = [_steps(number) for number in steps] if isinstance(steps, Iterable) else _steps(steps)
+    problems = _ambf.step_all(worlds, numbers)
     if problems is None:
         return
     for index, problem in enumerate(problems):
@@ -479,6 +618,58 @@ def _close_view(world: weakref.ref[_ambf.World]) -> None:
         alive.close_view()
 
 
+def _steps(steps: int) -> int:
+    number = operator.index(steps)
+    if not 0 <= number <= _MOST_STEPS:
+        raise ValueError(f"steps={steps}: expected 0 to {_MOST_STEPS} iterations")
+    return number
+
+
+def _write(name: str, array: NDArray[Any], values: Any) -> None:
+    """Writes `values` into an array of commands, or nothing if they are of another shape or can't be commands."""
+    numbers = np.asarray(values)
+    try:
+        numbers = np.broadcast_to(numbers, array.shape)
+    except ValueError:
+        raise ValueError(f"{name}: expected {array.shape} numbers, not {numbers.shape}") from None
+    if array.dtype == np.int8:
+        wrong = numbers[(numbers != NONE) & (numbers != FORCE) & (numbers != POSITION) & (numbers != VELOCITY)]
+        if wrong.size:
+            raise ValueError(f"{name}: {wrong.flat[0]} is no kind of command; expected {_KINDS}")
+    elif not np.isfinite(numbers).all():
+        raise ValueError(f"{name}: a command is not finite")
+    elif array.shape[-1:] == (7,) and not numbers[..., 3:].any(axis=-1).all():
+        raise ValueError(f"{name}: a quaternion (x, y, z, w) is zero, which is no orientation")
+    array[...] = numbers
+
+
+def _values(what: str, values: Optional[Values], names: Sequence[str], shape: Tuple[int, ...]) -> Optional[List[Any]]:
+    """An array of values by the order of `names`, NaN where there is none."""
+    if values is None:
+        return None
+    full = (len(names), *shape)
+    if isinstance(values, Mapping):
+        array = np.full(full, np.nan)
+        for name, value in values.items():
+            numbers = np.asarray(value, dtype=np.float64)
+            if numbers.shape != shape:
+                raise ValueError(
+                    f"{what} of {name}: expected {shape or 'a'} number{'s' if shape else ''}, not {numbers.shape}"
+                )
+            array[_find(name, names, "joints" if not shape else "bodies")] = numbers
+    else:
+        array = np.asarray(values, dtype=np.float64)
+        if array.shape != full:
+            raise ValueError(f"{what}: expected {full} numbers, not {array.shape}")
+    if shape == (7,):
+        lengths = np.linalg.norm(array[:, 3:], axis=1)
+        if (lengths == 0).any():
+            raise ValueError(f"{what}: a quaternion (x, y, z, w) is zero, which is no orientation")
+        array = np.column_stack([array[:, :3], array[:, 3:] / lengths[:, None]])
+    listed: List[Any] = array.tolist()
+    return listed
+
+
 def _pixels(what: str, number: Optional[int]) -> Optional[int]:
     if number is not None and not 1 <= number <= _MOST_PIXELS:
         raise ValueError(f"{what}={number}: expected 1 to {_MOST_PIXELS} pixels")
@@ -493,9 +684,20 @@ def _find(name: Union[str, int], names: Sequence[str], what: str) -> int:
         return int(name)
     if not names:
         raise NotFoundError(f'"{name}" is not there: there are no {what}')
-    found = [index for index, other in enumerate(names) if other == name]
-    found = found or [index for index, other in enumerate(names) if name in other]
-    if len(found) != 1:
-        several = f"several {what}: {', '.join(names[index] for index in found)}" if found else f"none of the {what}"
-        raise NotFoundError(f'"{name}" is the name or part of the name of {several}')
-    return found[0]
+    end = name if name.startswith("/") else f"/{name}"
+    fits: Tuple[Callable[[str], bool], ...] = (
+        name.__eq__,
+        lambda other: other.endswith(end),
+        lambda other: name in other,
+    )
+    for is_meant in fits:
+        found = [index for index, other in enumerate(names) if is_meant(other)]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise NotFoundError(
+                f'"{name}" is the name or part of the name of several {what}: {", ".join(names[i] for i in found)}'
+            )
+    near = difflib.get_close_matches(name, [other.rsplit("/", 1)[-1] for other in names], 3)
+    hint = f"; near it: {', '.join(near)}" if near else ""
+    raise NotFoundError(f'"{name}" is the name or part of the name of none of the {what}{hint}')

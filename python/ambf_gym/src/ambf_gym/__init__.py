@@ -13,7 +13,7 @@ import gymnasium
 
 from .backend import Backend, BodyCommand, BodyState, Commands, HoldCommand, Pixels, SensorState, States
 from .env import SimulatorEnv, Task, Transition
-from .errors import GymError, InvalidAction, InvalidDescription, SimulatorFailed, StepMismatch
+from .errors import GymError, InvalidAction, InvalidDescription, NotObserved, SimulatorFailed, StepMismatch
 from .parts import (
     DriveBody,
     DriveJoints,
@@ -48,6 +48,7 @@ __all__ = [
     "JointPositions",
     "JointVelocities",
     "Measurements",
+    "NotObserved",
     "Pixels",
     "Position",
     "RosBackend",

@@ -12,16 +12,33 @@ A backend steps one world. All of them do the same, number for number, if the si
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import dataclass, field
-from typing import Any, Dict, Optional, Protocol, Sequence, Tuple
+from typing import Any, Dict, Mapping, NoReturn, Optional, Protocol, Sequence, Tuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .errors import NotObserved
+
+Value = TypeVar("Value")
 Array = NDArray[np.float64]
 
 FORCE, POSITION, VELOCITY = 0, 1, 2
 """How joints and bodies are driven."""
+
+
+class Named(Dict[str, Value]):
+    """Things by their names. Who asks for another name gets a NotObserved, with those that are like it."""
+
+    def __init__(self, what: str, things: Mapping[str, Value]) -> None:
+        super().__init__(things)
+        self._what = what
+
+    def __missing__(self, name: str) -> NoReturn:
+        listed = difflib.get_close_matches(str(name), self, 3) or list(self)[:8]
+        there = f"there are {', '.join(listed)}" if listed else "there are none"
+        raise NotObserved(f'"{name}" is no {self._what}: {there}')
 
 
 @dataclass
@@ -99,6 +116,12 @@ class States:
     sensors: Dict[str, SensorState]
     actuators: Dict[str, bool]
     """Whether they hold something."""
+
+    def __post_init__(self) -> None:
+        for what in ("body", "sensor", "actuator"):
+            plural = "bodies" if what == "body" else f"{what}s"
+            named = Named(f"{what} that the task names in its parts or in `bodies`", getattr(self, plural))
+            object.__setattr__(self, plural, named)
 
 
 Picture = Dict[str, NDArray[Any]]

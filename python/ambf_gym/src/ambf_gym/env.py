@@ -10,8 +10,8 @@ from typing import Any, Callable, Dict, Generator, List, NamedTuple, Optional, S
 import gymnasium
 import numpy as np
 
-from .backend import Array, Backend, Commands, Pixels, States, plain
-from .errors import InvalidAction, InvalidDescription
+from .backend import Array, Backend, Commands, Named, Pixels, States, plain
+from .errors import InvalidAction, InvalidDescription, NotObserved
 from .parts import ActionPart, ObservationPart
 
 Observation = Any
@@ -257,10 +257,13 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
             (getattr(part, "body", ""), getattr(part, "joints", ())) for part in (*self._task.observe, *self._task.act)
         ]
         for body, names in used:
-            missing = {plain(name) for name in names} - set(joints.get(body, ()))
-            if missing:
+            there = Named(f"joint of {body}", {name: name for name in joints.get(body, ())})
+            try:
+                for name in names:
+                    _ = there[plain(name)]
+            except NotObserved as error:
                 self._backend.close()
-                raise InvalidDescription(f"{body} has no joints {', '.join(sorted(missing))}")
+                raise InvalidDescription(str(error)) from None
         self._is_open = True
 
     def _names(self) -> Tuple[Sequence[str], Sequence[str], Sequence[str]]:

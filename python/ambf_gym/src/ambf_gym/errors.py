@@ -15,6 +15,13 @@ class InvalidDescription(GymError, ValueError):
     """Error when a description names what the scene does not have, or lacks bounds that the scene does not tell."""
 
 
+class NotObserved(GymError, KeyError):
+    """Error when a task asks for a body, joint, sensor or actuator that it does not observe, or that is not there."""
+
+    def __str__(self) -> str:
+        return str(self.args[0]) if self.args else ""
+
+
 class StepMismatch(GymError, RuntimeError):
     """Error when the simulator has made another number of iterations than was asked for: somebody else steps or resets it."""
 

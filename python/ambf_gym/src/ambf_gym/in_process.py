@@ -8,7 +8,19 @@ from typing import Any, Dict, List, NoReturn, Optional, Sequence, Tuple
 import ambf
 import numpy as np
 
-from .backend import FORCE, POSITION, Array, BodyCommand, BodyState, Commands, Picture, SensorState, States, plain
+from .backend import (
+    FORCE,
+    POSITION,
+    Array,
+    BodyCommand,
+    BodyState,
+    Commands,
+    Named,
+    Picture,
+    SensorState,
+    States,
+    plain,
+)
 from .errors import InvalidDescription, SimulatorFailed, StepMismatch
 from .scene import Scene, resources
 
@@ -55,9 +67,9 @@ class InProcessBackend:
         simulation = ambf.Simulation(self._scene.model_files(), launch_file=launch, **self._options)
         self._simulation = simulation
         try:
-            self._bodies = {name: _Body(simulation.body(name)) for name in bodies}
+            self._bodies = Named("observed body", {name: _Body(simulation.body(name)) for name in bodies})
             self._sensors = {name: simulation.sensor(name) for name in sensors}
-            self._actuators = {name: simulation.actuator(name) for name in actuators}
+            self._actuators = Named("observed actuator", {name: simulation.actuator(name) for name in actuators})
         except ambf.NotFoundError as error:
             self.close()
             raise InvalidDescription(str(error)) from error
@@ -140,9 +152,9 @@ class _Body:
     def __init__(self, handle: ambf.Body) -> None:
         self.handle = handle
         self.names = [plain(name) for name in handle.joints]
-        self._places: Dict[str, int] = {}
-        for place, name in enumerate(self.names):
-            self._places.setdefault(name, place)
+        # The first of those of the same name.
+        places = {name: place for place, name in reversed(list(enumerate(self.names)))}
+        self._places = Named(f"joint of {handle.name}", places)
 
     def command(self, command: BodyCommand) -> None:
         body = self.handle

@@ -15,6 +15,7 @@ from .backend import (
     BodyState,
     Commands,
     HoldCommand,
+    Named,
     Picture,
     SensorState,
     States,
@@ -89,9 +90,9 @@ class RosBackend:
             client.create_objs_from_rostopics(120, self._timeout)
             self._world = client.get_world_handle()
             self._pictures = CameraTopics(namespace or "")
-            self._bodies = {name: self._find(name, RigidBody) for name in bodies}
+            self._bodies = Named("observed body", {name: self._find(name, RigidBody) for name in bodies})
             self._sensors = {name: self._find(name, Sensor) for name in sensors}
-            self._actuators = {name: self._find(name, Actuator) for name in actuators}
+            self._actuators = Named("observed actuator", {name: self._find(name, Actuator) for name in actuators})
             self._settle_names()
             # From now on states come with the steps; topics would only take time from the learner.
             used: List[Any] = [*self._bodies.values(), *self._sensors.values(), *self._actuators.values()]
@@ -212,10 +213,11 @@ def _command_body(body: RigidBody, command: BodyCommand) -> None:
         message.twist = Twist(Vector3(*command.linear), Vector3(*command.angular))
     if command.joints:
         values, kinds = [0.0] * len(names), [FORCE] * len(names)
+        # The first of those of the same name.
+        places = Named(f"joint of {body.get_name()}", {name: place for place, name in reversed(list(enumerate(names)))})
         for name, (kind, value) in command.joints.items():
-            index = names.index(name)
-            values[index], kinds[index] = float(value), kind
-        last = max(names.index(name) for name in command.joints) + 1
+            values[places[name]], kinds[places[name]] = float(value), kind
+        last = max(places[name] for name in command.joints) + 1
         message.joint_cmds, message.joint_cmds_types = values[:last], kinds[:last]
 
 

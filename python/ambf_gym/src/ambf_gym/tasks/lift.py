@@ -6,18 +6,13 @@ actuator, fixes to it what the palm's ray sees.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Dict, Optional, Sequence, Union
-
 import numpy as np
 
-from ..backend import POSITION, Array, Backend, BodyCommand, Commands, Pixels
-from ..env import Info, SimulatorEnv, Task, Transition
+from ..backend import POSITION, Array, BodyCommand, Commands
+from ..env import Info, Task, Transition
 from ..parts import DriveBody, Hold, Holds, Measurements, Position, Twist
 from ..scene import Scene
-from .making import make_backend
-
-if TYPE_CHECKING:
-    from ..vector import InProcessVectorEnv
+from .making import makers
 
 SCENE = Scene(("models/gripper.yaml",), options=("--profile", "accurate"))
 
@@ -98,26 +93,4 @@ TASK = Task(
 )
 
 
-def make_lift(
-    backend: Optional[Backend] = None,
-    render_mode: Optional[str] = None,
-    *,
-    in_process: bool = False,
-    camera: Optional[str] = None,
-    width: Optional[int] = None,
-    height: Optional[int] = None,
-    pixels: Union[Pixels, Sequence[Pixels]] = (),
-    **ros: Any,
-) -> SimulatorEnv:
-    """The environment `ambf/Lift-v0`: in `backend`, or in this process, else over ROS in a simulator of its own (`ros`: options of
-    `RosBackend`). `render_mode`, `camera`, `width`, `height`, `pixels`: as those of `SimulatorEnv`.
-    """
-    view: Dict[str, Any] = {"camera": camera, "width": width, "height": height}
-    return SimulatorEnv(backend or make_backend(SCENE, in_process, ros), TASK, render_mode, pixels=pixels, **view)
-
-
-def make_lift_vec(num_envs: int = 1, **options: Any) -> InProcessVectorEnv:
-    """`num_envs` of them in this process, on threads; `options` of `InProcessVectorEnv`."""
-    from ..vector import InProcessVectorEnv
-
-    return InProcessVectorEnv(SCENE, TASK, num_envs, **options)
+make_lift, make_lift_vec = makers("Lift", SCENE, TASK)
