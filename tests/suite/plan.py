@@ -13,8 +13,12 @@ TARGET = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
 DEBIAN_PYTHON = "/usr/bin/python3"
 # Lints and documentation get what the tests leave.
 PATIENT = 14
-# What scripts/simulate builds where there is no display.
-WITHOUT_WINDOWS = ("--package", "ambf-app", "--no-default-features", "--features", "pictures,ros2")
+# What scripts/simulate builds where there is no display. All packages but those that ask for windows are chosen, so that cargo compiles
+# what they have in common with the features that it has already.
+WITHOUT_WINDOWS = (
+    *("--workspace", "--lib", "--bins", "--no-default-features", "--features", "ambf-app/pictures,ambf-app/ros2"),
+    *(word for package in ("bench", "packaging", "python", "test-support") for word in ("--exclude", f"ambf-{package}")),
+)
 PACKAGES = ("ambf", "ambf_client", "ambf_gym")
 # The modules of tests/crtk that talk to the arms, rather than to what is inside them, run over ROS 2 as well.
 CRTK_OVER_ROS2 = ("contract", "robot", "restart", "pause")

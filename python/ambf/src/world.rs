@@ -31,6 +31,12 @@ pub const SLICE: Duration = Duration::from_millis(100);
 /// How often it is looked whether a pause has ended.
 const PAUSED: Duration = Duration::from_millis(5);
 
+/// A new array that Python gets.
+type Numbers<'py> = Bound<'py, PyArray1<f64>>;
+
+/// Rows of two bodies, their names, and numbers of all contact points.
+type Contacts<'py> = (Vec<[i64; 2]>, Vec<(String, String)>, Numbers<'py>);
+
 /// The physics of a [`World`], which moves to the thread that steps it.
 pub struct Physics {
     pub stepper: Box<Stepper>,
@@ -569,11 +575,7 @@ impl World {
 
     /// For each contact point: rows of the two bodies (-1: none) and their names, then 11 numbers: point, normal, distance,
     /// force.
-    #[allow(clippy::type_complexity)]
-    fn contacts<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Vec<[i64; 2]>, Vec<(String, String)>, Bound<'py, PyArray1<f64>>)> {
+    fn contacts<'py>(&self, py: Python<'py>) -> PyResult<Contacts<'py>> {
         let (mut rows, mut names, mut numbers) = (Vec::new(), Vec::new(), Vec::new());
         self.with(py, |physics| {
             let simulation = physics.stepper.simulation();
@@ -599,7 +601,7 @@ impl World {
         py: Python<'py>,
         origins: Vec<[f64; 3]>,
         ends: Vec<[f64; 3]>,
-    ) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>)> {
+    ) -> PyResult<(Vec<i64>, Numbers<'py>)> {
         let rays: Vec<Ray> =
             origins.iter().zip(&ends).map(|(from, to)| Ray { from: (*from).into(), to: (*to).into() }).collect();
         let mut hits = vec![None; rays.len()];
@@ -621,11 +623,11 @@ impl World {
             numbers.push(*fraction);
             numbers.extend(point.iter().chain(normal.iter()));
         }
-        Ok((PyArray1::from_vec(py, rows), PyArray1::from_vec(py, numbers)))
+        Ok((rows, PyArray1::from_vec(py, numbers)))
     }
 
     /// Mass and principal moments of each body, and lower and upper limit of each joint.
-    fn constants<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>)> {
+    fn constants<'py>(&self, py: Python<'py>) -> PyResult<(Numbers<'py>, Numbers<'py>)> {
         let (bodies, joints) = self.with(py, |physics| {
             let scene = physics.stepper.simulation().scene();
             let body = |row: &Row| {

@@ -70,7 +70,7 @@ class Contacts(NamedTuple):
 class Rays(NamedTuple):
     """What rays have met, one a row."""
 
-    bodies: NDArray[np.int64]
+    bodies: NDArray[np.intp]
     """(rays) row of the body in the arrays of bodies; -1: something without a row there, such as a passive body; -2: nothing."""
     distances: Array
     """(rays) from the origin, m; infinite: nothing."""
@@ -303,7 +303,7 @@ class Simulation(_Arrays):
         ends = begins + ways / norms * length
         rows, numbers = self._world.cast_rays(begins.tolist(), ends.tolist())
         table = numbers.reshape(-1, 7)
-        return Rays(rows, table[:, 0] * length, table[:, 1:4], table[:, 4:])
+        return Rays(np.array(rows, dtype=np.intp), table[:, 0] * length, table[:, 1:4], table[:, 4:])
 
     def save(self) -> State:
         """Everything that decides what happens from now on: the physics to the last bit, time, commands.
