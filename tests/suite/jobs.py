@@ -96,6 +96,8 @@ class Runner:
         self.done = []
         self._waiting = []
         self._running = {}
+        # Names of the jobs that have failed or were left out.
+        self._lacking = set()
         self._changed = threading.Condition()
         folder.mkdir(parents=True, exist_ok=True)
 
@@ -109,24 +111,27 @@ class Runner:
         """Runs all jobs; `then` is called with each that has passed, before those that need it start. Returns whether all passed."""
         try:
             with self._changed:
-                while self._waiting or self._running:
+                while True:
                     for job in self._ready():
                         self._start(job, then)
+                    if not self._running:
+                        break
                     self._changed.wait()
         except BaseException:
             for process in self._running.values():
                 if process:
                     end(process)
             raise
-        return all(job.status == 0 for job in self.done)
+        return not self._lacking and not self._waiting
 
     def _ready(self):
         """The waiting jobs that may start now; those that never can are dropped."""
-        failed = {job.name for job in self.done if job.status != 0}
-        passed = {job.name for job in self.done} - failed
-        for job in [job for job in self._waiting if failed & set(job.needs)]:
-            self._waiting.remove(job)
-            print(f"left out: {job.name}, which needs {', '.join(failed & set(job.needs))}", flush=True)
+        passed = {job.name for job in self.done if job.status == 0}
+        while left_out := [job for job in self._waiting if self._lacking & set(job.needs)]:
+            for job in left_out:
+                self._waiting.remove(job)
+                self._lacking.add(job.name)
+                print(f"left out: {job.name}, which needs {', '.join(self._lacking & set(job.needs))}", flush=True)
         busy = sum(not job.cargo for job in self._running)
         cargo = any(job.cargo for job in self._running)
         ready = []
@@ -157,6 +162,8 @@ class Runner:
                 with self._changed:
                     del self._running[job]
                     self.done.append(job)
+                    if job.status != 0:
+                        self._lacking.add(job.name)
                     self._changed.notify_all()
 
         threading.Thread(target=work, daemon=True).start()

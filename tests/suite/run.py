@@ -20,6 +20,7 @@ LANES = (os.cpu_count() or 1) + 1
 # Rows of the table of jobs, and of compiled parts.
 SHOWN_JOBS = 25
 SHOWN_PARTS = 12
+SHORTEST_PART_S = 0.1
 
 
 def options():
@@ -67,7 +68,8 @@ def compiled():
     """Seconds that compiling took, from cargo's report of the last build with `--timings`: (name, seconds) of each part."""
     report = plan.TARGET / "cargo-timings/cargo-timing.html"
     found = re.search(r"UNIT_DATA = (\[.*?\]);\n", report.read_text(), re.DOTALL) if report.exists() else None
-    return [(f"{unit['name']}{unit['target']}", unit["duration"]) for unit in json.loads(found[1])] if found else []
+    units = json.loads(found[1]) if found else []
+    return [(f"{unit['name']}{unit['target']}", unit["duration"]) for unit in units if unit["duration"] >= SHORTEST_PART_S]
 
 
 def table(jobs, parts):

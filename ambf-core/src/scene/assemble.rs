@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 
 use ambf_dynamics::assembly::{self, Gap, Kind, Omission, Range};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 use super::{Body, Note, Scene};
 use crate::adf::Severity;
@@ -14,6 +14,9 @@ use crate::ids::{BodyId, JointId, ModelId};
 
 /// Displacements and gaps up to these are not worth a line: m and rad.
 const NEGLIGIBLE: (f64, f64) = (1e-6, 1e-5);
+
+/// Gaps from these on are said: m and rad (0.1°).
+const OPEN: (f64, f64) = (1e-4, 1.75e-3);
 
 /// Displacements beyond these mean that the file is wrong rather than rounded: m and rad.
 const FAR: (f64, f64) = (0.02, 0.1);
@@ -179,7 +182,13 @@ fn omissions(scene: &Scene, joints: Vec<(JointId, Omission, Gap)>) -> Vec<Note> 
 /// A line for each joint that stays open, the widest first; of many only the first, and how many more.
 fn residuals(scene: &Scene, gaps: impl Iterator<Item = (JointId, Gap)>) -> Vec<Note> {
     let mut models: BTreeMap<ModelId, Vec<(JointId, Gap)>> = BTreeMap::new();
-    for (joint, gap) in gaps.filter(|(_, gap)| matters(gap)) {
+    // What has no inertia does not turn onto its joints, and has a line of its own.
+    let turns = |body: BodyId| !scene.bodies[body].is_dynamic() || scene.bodies[body].inertia != Vector3::zeros();
+    let is_said = |&(joint, gap): &(JointId, Gap)| {
+        let joint = &scene.joints[joint];
+        gap.exceeds(OPEN.0, OPEN.1) && turns(joint.parent) && turns(joint.child)
+    };
+    for (joint, gap) in gaps.filter(is_said) {
         models.entry(scene.joints[joint].model).or_default().push((joint, gap));
     }
     let mut notes = Vec::new();

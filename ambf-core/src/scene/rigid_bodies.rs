@@ -61,6 +61,14 @@ impl Builder<'_> {
             angular_damping: body.surface.angular_damping,
             gravity,
         };
+        if body.mass > 0.0 && body.inertia.is_none() && inertia == nalgebra::Vector3::zeros() {
+            let message = format!(
+                "`{}` has no inertia (none is given, and there is no collision shape to estimate one from), so that \
+                 it cannot turn; give `inertia`",
+                body.common.identifier
+            );
+            self.note(Severity::Warning, source, message);
+        }
         let keeps_apart = model.ignore_inter_collision && !body.self_collision;
         let apart = bullet::Apart {
             family: if keeps_apart { self.model.index() as u32 + 1 } else { 0 },

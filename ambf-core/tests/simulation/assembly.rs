@@ -299,3 +299,33 @@ fn loops_that_are_taken_apart_have_all_their_rows() {
         assert!(gap < 1e-4, "{name}: {gap} m");
     }
 }
+
+#[test]
+fn an_arm_follows_its_base_wherever_that_was_moved() {
+    // With these moments the iteration ended far from the base, and the arm began in pieces.
+    let light = arm("").replace("ix: 0.01, iy: 0.03, iz: 0.03", "ix: 1e-6, iy: 1e-6, iz: 1e-6");
+    let light = light.replace("ix: 0.01, iy: 0.02, iz: 0.02", "ix: 1e-6, iy: 1e-6, iz: 1e-6");
+    for (x, roll, pitch, yaw) in [(0.8, 0.5, 1.0, 2.5), (-3.0, 3.0, 0.0, 0.0), (0.0, 0.0, 3.1, 0.0)] {
+        let place = format!(
+            "location: {{position: {{x: {x}, y: 0.3, z: 0.5}}, orientation: {{r: {roll}, p: {pitch}, y: {yaw}}}}}"
+        );
+        let moved = light.replace("mass: 0}", &format!("mass: 0, {place}}}"));
+        let Loaded { report, scene } = load_texts(ACCURATE, &[&moved]);
+        assert!(said(&report.notes, "cannot be closed").is_empty(), "{report}");
+        assert_eq!(said(&report.notes, "reduced coordinates: 2").len(), 1, "{report}");
+        let bench = Bench(Simulation::new(scene, DT));
+        assert!(gap_of(&bench) < 1e-9, "{}", gap_of(&bench));
+    }
+}
+
+#[test]
+fn what_cannot_turn_is_said_to_lack_an_inertia() {
+    let without = arm("").replace("inertia: {ix: 0.01, iy: 0.02, iz: 0.02}, ", "");
+    for world in [LEGACY, ACCURATE] {
+        let Loaded { report, .. } = load_texts(world, &[&without]);
+        let notes = said(&report.notes, "has no inertia");
+        assert_eq!((notes.len(), notes[0].severity), (1, Severity::Warning), "{report}");
+        assert!(notes[0].message.starts_with("`BODY Lower`"), "{report}");
+        assert!(said(&report.notes, "cannot be closed").is_empty(), "{report}");
+    }
+}

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 
 use super::factor::Factor;
-use super::rows::{rows, Demand, Row};
+use super::rows::{admissible, rows, Demand, Row};
 use super::{Body, Joint};
 
 /// Relative damping ε of the first steps: it leaves alone what hardly changes the errors, such as the one soft motion
@@ -290,9 +290,59 @@ impl<'a> Island<'a> {
         }
         if closed {
             self.refine();
+        } else {
+            closed = self.hang();
         }
         for (&body, pose) in self.bodies.iter().zip(&self.poses) {
             bodies[body].pose = *pose;
+        }
+        closed
+    }
+
+    /// Puts each body of a tree onto its joint, from the bodies that are not movable, or else the heaviest one, outwards: a
+    /// tree can always be closed, however far its base was moved. The coordinates of the joints are those of the file, as
+    /// far as their ranges allow. False, and nothing changes, where the joints form loops or a coordinate is no number.
+    fn hang(&mut self) -> bool {
+        let (nodes, all) = (self.bodies.len(), self.poses.len());
+        let mut hangs = vec![false; all];
+        hangs[nodes..].fill(true);
+        if nodes == all {
+            let heaviest = (0..nodes).max_by(|&a, &b| self.masses[a][0].total_cmp(&self.masses[b][0]));
+            heaviest.into_iter().for_each(|node| hangs[node] = true);
+        }
+        let mut joints_of = vec![Vec::new(); all];
+        for (index, places) in self.places.iter().enumerate() {
+            places.iter().for_each(|&place| joints_of[place].push(index));
+        }
+        let mut waiting: Vec<usize> = (0..all).filter(|&place| hangs[place]).collect();
+        let mut is_used = vec![false; self.members.len()];
+        let mut poses = self.file.clone();
+        while let Some(parent) = waiting.pop() {
+            for &index in &joints_of[parent] {
+                if std::mem::replace(&mut is_used[index], true) {
+                    continue;
+                }
+                let [a, b] = self.places[index];
+                let child = if a == parent { b } else { a };
+                if std::mem::replace(&mut hangs[child], true) {
+                    return false;
+                }
+                let Joint { kind, frames, .. } = self.members[index].joint;
+                let world = |place: usize, side: usize| self.file[place] * frames[side];
+                let between = admissible(kind, &(world(a, 0).inverse() * world(b, 1)));
+                poses[child] = if a == parent {
+                    poses[a] * frames[0] * between * frames[1].inverse()
+                } else {
+                    poses[b] * frames[1] * between.inverse() * frames[0].inverse()
+                };
+                waiting.push(child);
+            }
+        }
+        let before = self.poses.clone();
+        self.return_to(&poses);
+        let closed = self.evaluate().1 <= 100.0 * self.rounding();
+        if !closed {
+            self.return_to(&before);
         }
         closed
     }

@@ -27,9 +27,12 @@
 //! Loops with more constraints than they need are such a contradiction as soon as a dimension is rounded, and cannot move.
 //! [`omit_redundant_rows`] finds the constraints that repeat others.
 //!
+//! Where the iteration ends at a compromise although the joints form a tree, because its base is far from where the file
+//! has its links, the links are put onto their joints one after the other.
+//!
 //! ## Limitations
-//! The iteration is local: joints that are off by more than about a quarter of a turn may end in another configuration
-//! of the mechanism, or at a compromise although a solution exists.
+//! The iteration is local: loops whose joints are off by more than about a quarter of a turn may end in another
+//! configuration of the mechanism, or at a compromise although a solution exists.
 
 mod factor;
 mod island;

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::{Isometry3, UnitQuaternion, UnitVector3, Vector3, Vector6};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3, Vector6};
 
 use super::{Body, Joint, Kind, Omission, Range};
 
@@ -268,6 +268,56 @@ impl Frames {
 
 fn twist(linear: Vector3<f64>, angular: Vector3<f64>) -> Vector6<f64> {
     Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+}
+
+/// The pose of frame B in frame A that a joint allows and that is near `pose`: its free coordinates are kept, as far as
+/// their ranges allow, and the others are those of a closed joint.
+pub(super) fn admissible(kind: &Kind, pose: &Isometry3<f64>) -> Isometry3<f64> {
+    let turned = |rotation| Isometry3::from_parts(Translation3::identity(), rotation);
+    let about = |axis: usize, range: &Range| {
+        let angle = wrap(2.0 * pose.rotation.imag()[axis].atan2(pose.rotation.w));
+        turned(UnitQuaternion::from_scaled_axis(Vector3::ith(axis, bounded(nearest(angle, range), range))))
+    };
+    match kind {
+        Kind::Revolute(range) => about(2, range),
+        Kind::Prismatic(range) => Isometry3::translation(bounded(pose.translation.x, range), 0.0, 0.0),
+        Kind::Fixed => Isometry3::identity(),
+        Kind::PointToPoint => turned(pose.rotation),
+        Kind::ConeTwist { .. } => {
+            let joint =
+                Joint { kind: *kind, bodies: [0, 1], frames: [Isometry3::identity(); 2], omission: Omission::NONE };
+            let closed = turned(pose.rotation);
+            let is_open = rows(&joint, &[Isometry3::identity(), closed]).iter().any(|row| row.error() != 0.0);
+            if is_open {
+                Isometry3::identity()
+            } else {
+                closed
+            }
+        }
+        Kind::SixDof { linear, angular } => {
+            let origin = Vector3::from_fn(|axis, _| bounded(pose.translation.vector[axis], &linear[axis]));
+            let is_zero = |axis: usize| angular[axis] == Range::LOCKED;
+            let rotation = match (0..3).find(|&axis| is_zero((axis + 1) % 3) && is_zero((axis + 2) % 3)) {
+                Some(axis) => about(axis, &angular[axis]).rotation,
+                None => {
+                    let (alpha, beta, gamma) = pose.rotation.euler_angles();
+                    let angle = |axis: usize, angle: f64| bounded(nearest(angle, &angular[axis]), &angular[axis]);
+                    UnitQuaternion::from_euler_angles(angle(0, alpha), angle(1, beta), angle(2, gamma))
+                }
+            };
+            Isometry3::from_parts(origin.into(), rotation)
+        }
+    }
+}
+
+/// The value, or the end of its range that is next to it.
+fn bounded(value: f64, range: &Range) -> f64 {
+    // Not `clamp`, which panics where the ends are the wrong way round.
+    if range.low <= range.high {
+        value.min(range.high).max(range.low)
+    } else {
+        value
+    }
 }
 
 /// In −π…π.

@@ -107,6 +107,20 @@ fn tree(n: usize) -> (Vec<Body>, Vec<Joint>) {
 }
 
 #[test]
+fn a_tree_closes_however_far_its_base_was_moved() {
+    for (turn, inertia) in [(0.5, 1.0), (2.0, 1e-6), (3.0, 1e-9)] {
+        let (mut bodies, joints) = tree(60);
+        let mut numbers = Numbers(3);
+        bodies[0].pose = Isometry3::new(Vector3::new(0.8, 0.3, 0.5), numbers.vector() * turn);
+        bodies.iter_mut().for_each(|body| body.inertia *= inertia);
+        let ground = bodies[0].pose;
+        assert!(assemble(&mut bodies, &joints), "{turn} rad, {inertia}");
+        all_closed(&joints, &bodies);
+        assert_eq!(bodies[0].pose, ground);
+    }
+}
+
+#[test]
 fn trees_close_exactly_and_the_ground_stays() {
     let (mut bodies, joints) = tree(200);
     all_closed(&joints, &bodies);
