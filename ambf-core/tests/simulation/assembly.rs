@@ -302,7 +302,6 @@ fn loops_that_are_taken_apart_have_all_their_rows() {
 
 #[test]
 fn an_arm_follows_its_base_wherever_that_was_moved() {
-    // With these moments the iteration ended far from the base, and the arm began in pieces.
     let light = arm("").replace("ix: 0.01, iy: 0.03, iz: 0.03", "ix: 1e-6, iy: 1e-6, iz: 1e-6");
     let light = light.replace("ix: 0.01, iy: 0.02, iz: 0.02", "ix: 1e-6, iy: 1e-6, iz: 1e-6");
     for (x, roll, pitch, yaw) in [(0.8, 0.5, 1.0, 2.5), (-3.0, 3.0, 0.0, 0.0), (0.0, 0.0, 3.1, 0.0)] {
