@@ -30,10 +30,16 @@ def packages():
     """Folder of each package of the workspace, and the folders of all packages of the workspace that it is made of, with itself."""
     found = json.loads(
         subprocess.run(
-            ["cargo", "metadata", "--format-version", "1", "--no-deps"], cwd=ROOT, check=True, capture_output=True, text=True
+            ["cargo", "metadata", "--format-version", "1", "--no-deps"],
+            cwd=ROOT,
+            check=True,
+            capture_output=True,
+            text=True,
         ).stdout
     )["packages"]
-    folder = {package["name"]: str(pathlib.Path(package["manifest_path"]).parent.relative_to(ROOT)) for package in found}
+    folder = {
+        package["name"]: str(pathlib.Path(package["manifest_path"]).parent.relative_to(ROOT)) for package in found
+    }
     uses = {package["name"]: {d["name"] for d in package["dependencies"] if d["name"] in folder} for package in found}
 
     def closure(name, seen):
@@ -76,7 +82,7 @@ def touches(file, job):
     folder = "python/benchmarks" if parts[0] == "soak" else parts[0]
     if file.startswith((f"{folder}/", "tests/ros/", "tests/waiting.py")):
         # A test module is used by itself only.
-        return not pathlib.Path(file).name.startswith("test_") or len(parts) > 1 and file == f"{folder}/{parts[1]}.py"
+        return not pathlib.Path(file).name.startswith("test_") or (len(parts) > 1 and file == f"{folder}/{parts[1]}.py")
     own = "python/ambf" if parts[0] == "python/ambf/tests" else "ambf-app"
     if owner in packages()[own] | {"python/ambf"} and not python:
         return True

@@ -77,7 +77,11 @@ class Job:
         """The end of its output."""
         lines = self.output.read_text(errors="replace").splitlines()
         left_out = [f"[{len(lines) - SHOWN_LINES} lines before: {self.output}]"] if len(lines) > SHOWN_LINES else []
-        why = "took too long" if self.status == -signal.SIGKILL and self.wall_s >= LONGEST_S else f"ended with {self.status}"
+        why = (
+            "took too long"
+            if self.status == -signal.SIGKILL and self.wall_s >= LONGEST_S
+            else f"ended with {self.status}"
+        )
         return "\n".join([f"== {self.name} {why}:", *left_out, *lines[-SHOWN_LINES:]])
 
 

@@ -17,8 +17,15 @@ PATIENT = 14
 # what they have in common with the features that it has already.
 WITHOUT_WINDOWS = (
     *("--workspace", "--lib", "--bins", "--no-default-features", "--features", "ambf-app/pictures,ambf-app/ros2"),
-    *(word for package in ("bench", "packaging", "python", "test-support") for word in ("--exclude", f"ambf-{package}")),
+    *(
+        word
+        for package in ("bench", "packaging", "python", "test-support")
+        for word in ("--exclude", f"ambf-{package}")
+    ),
 )
+# What a job of bash prints at its end: variables that it has exported.
+SHOWN = ("AMBF_PYTHON", "AMBF_ROS2_PYTHON", "PYTHONPATH", "LD_LIBRARY_PATH")
+SHOW = "".join(f'\necho "{name}=${{{name}-}}"' for name in SHOWN)
 PACKAGES = ("ambf", "ambf_client", "ambf_gym")
 # The modules of tests/crtk that talk to the arms, rather than to what is inside them, run over ROS 2 as well.
 CRTK_OVER_ROS2 = ("contract", "robot", "restart", "pause")
@@ -41,18 +48,14 @@ def first():
         cargo("format", "fmt", "--all", "--check"),
         cargo("build", *build, needs=("format",)),
         # They fetch packages and compile messages. The module of Python is built after the tests, of the same parts.
-        shell("ROS 2 packages", ". scripts/ros2-venv && " + SHOW),
-        shell("Python module", ". scripts/python-venv && " + SHOW, cargo=True, needs=("build",)),
+        shell("ROS 2 packages", ". scripts/ros2-venv" + SHOW),
+        shell("Python module", ". scripts/python-venv" + SHOW, cargo=True, needs=("build",)),
     ]
-
-
-# Prints the variables that were exported.
-SHOW = 'printf "%s\\n" "AMBF_PYTHON=${AMBF_PYTHON-}" "AMBF_ROS2_PYTHON=${AMBF_ROS2_PYTHON-}" "PYTHONPATH=${PYTHONPATH-}" "LD_LIBRARY_PATH=${LD_LIBRARY_PATH-}"'
 
 
 def shown(job):
     """The variables that a job with `SHOW` has printed and that are not empty."""
-    lines = job.output.read_text().splitlines()[-4:]
+    lines = job.output.read_text().splitlines()[-len(SHOWN) :]
     return {name: value for name, _, value in (line.partition("=") for line in lines) if value}
 
 
@@ -60,9 +63,18 @@ def lints():
     """Lints of Rust, its documentation and the examples in it, after the build."""
     return [
         cargo("examples in documentation", "test", "--workspace", "--doc", nice=PATIENT, needs=("build",)),
-        cargo("lints", "clippy", "--workspace", "--all-targets", "--", "-D", "warnings", nice=PATIENT, needs=("build",)),
-        cargo("lints without windows", "clippy", *WITHOUT_WINDOWS, "--", "-D", "warnings", nice=PATIENT, needs=("build",)),
-        cargo("documentation", "doc", "--workspace", "--no-deps", nice=PATIENT, needs=("build",), environment={"RUSTDOCFLAGS": "-D warnings"}),
+        cargo(
+            "lints", "clippy", "--workspace", "--all-targets", "--", "-D", "warnings", nice=PATIENT, needs=("build",)
+        ),
+        cargo(
+            "lints without windows", "clippy", *WITHOUT_WINDOWS, "--", "-D", "warnings", nice=PATIENT, needs=("build",)
+        ),
+        cargo(
+            *("documentation", "doc", "--workspace", "--no-deps"),
+            nice=PATIENT,
+            needs=("build",),
+            environment={"RUSTDOCFLAGS": "-D warnings"},
+        ),
     ]
 
 
@@ -82,13 +94,18 @@ def again(job, time):
 
 def programs():
     """What tests that start programs are told: they were built, with their assertions on."""
-    return {"AMBF_SIMULATOR": os.environ.get("AMBF_SIMULATOR", str(TARGET / "debug/ambf_simulator")), "AMBF_EXAMPLES_ARE_BUILT": "1"}
+    return {
+        "AMBF_SIMULATOR": os.environ.get("AMBF_SIMULATOR", str(TARGET / "debug/ambf_simulator")),
+        "AMBF_EXAMPLES_ARE_BUILT": "1",
+    }
 
 
 def rust_tests(build):
     """A job for each test program that the job `build` has made."""
     jobs = []
-    libraries = subprocess.run(["rustc", "--print", "target-libdir"], check=True, capture_output=True, text=True, cwd=ROOT).stdout.strip()
+    libraries = subprocess.run(
+        ["rustc", "--print", "target-libdir"], check=True, capture_output=True, text=True, cwd=ROOT
+    ).stdout.strip()
     for line in build.output.read_text().splitlines():
         if not line.startswith("{"):
             continue
@@ -96,7 +113,10 @@ def rust_tests(build):
         if made.get("reason") == "compiler-artifact" and made["profile"]["test"] and made["executable"]:
             folder = pathlib.Path(made["manifest_path"]).parent
             name = f"{folder.relative_to(ROOT)} {made['target']['kind'][0]} {made['target']['name']}"
-            where = {"CARGO_MANIFEST_DIR": str(folder), "LD_LIBRARY_PATH": f"{TARGET}/debug/deps:{TARGET}/debug:{libraries}"}
+            where = {
+                "CARGO_MANIFEST_DIR": str(folder),
+                "LD_LIBRARY_PATH": f"{TARGET}/debug/deps:{TARGET}/debug:{libraries}",
+            }
             jobs.append(Job(name, [made["executable"]], folder, programs() | where))
     return jobs
 
@@ -122,10 +142,10 @@ def python_tests(module):
     variables = shown(module)
     python = variables["AMBF_PYTHON"]
     sources = [f"{package}/{'python' if package == 'ambf' else 'src'}/{package}" for package in PACKAGES]
-    folder = ROOT / "python"
+    folder, linted = ROOT / "python", (".", "../tests/suite", "../tests/domains.py")
     jobs = [
-        Job("Python format", [python, "-m", "ruff", "format", "--check", "."], folder),
-        Job("Python lints", [python, "-m", "ruff", "check", "."], folder),
+        Job("Python format", [python, "-m", "ruff", "format", "--config", "ruff.toml", "--check", *linted], folder),
+        Job("Python lints", [python, "-m", "ruff", "check", "--config", "ruff.toml", *linted], folder),
         Job("Python types", [python, "-m", "mypy", "--config-file", "mypy.ini", *sources], folder),
     ]
     for folder in (*(f"python/{package}/tests" for package in PACKAGES), "python/tests"):
@@ -144,5 +164,7 @@ def ros2_tests(packages):
     ]
     for name in CRTK_OVER_ROS2:
         command = [*discover, "tests/crtk", "-p", f"test_{name}.py"]
-        jobs.append(Job(f"tests/crtk test_{name} over ROS 2", command, ROOT, variables | {"CRTK_ROS": "2"}, needs=("build",)))
+        jobs.append(
+            Job(f"tests/crtk test_{name} over ROS 2", command, ROOT, variables | {"CRTK_ROS": "2"}, needs=("build",))
+        )
     return jobs

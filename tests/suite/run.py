@@ -27,7 +27,9 @@ def options():
     """What the command line asks for."""
     parser = argparse.ArgumentParser(prog="scripts/test", description="Checks everything: format, lints, documentation, Rust tests, "
         "then real ROS programs against the simulator.")  # fmt: skip
-    parser.add_argument("--fast", action="store_true", help="format, lints and unit tests only: what to run before each commit")
+    parser.add_argument(
+        "--fast", action="store_true", help="format, lints and unit tests only: what to run before each commit"
+    )
     parser.add_argument("--changed", metavar="BASE", nargs="?", const="", help="only what the difference to BASE can touch; "
         "default: origin/main if there is one, else main")  # fmt: skip
     parser.add_argument("--only", metavar="PATTERN", help="only the jobs whose name the pattern is found in")
@@ -69,7 +71,9 @@ def compiled():
     report = plan.TARGET / "cargo-timings/cargo-timing.html"
     found = re.search(r"UNIT_DATA = (\[.*?\]);\n", report.read_text(), re.DOTALL) if report.exists() else None
     units = json.loads(found[1]) if found else []
-    return [(f"{unit['name']}{unit['target']}", unit["duration"]) for unit in units if unit["duration"] >= SHORTEST_PART_S]
+    return [
+        (f"{unit['name']}{unit['target']}", unit["duration"]) for unit in units if unit["duration"] >= SHORTEST_PART_S
+    ]
 
 
 def table(jobs, parts):
@@ -82,7 +86,10 @@ def table(jobs, parts):
     for job in sorted(jobs, key=lambda job: -job.wall_s)[:SHOWN_JOBS]:
         lines.append(f"{job.wall_s:9.1f} {job.cpu_s:14.1f}  {job.name}")
         if job.name == "build":
-            lines += [f"{seconds:9.1f}                    {name}" for name, seconds in sorted(parts, key=lambda p: -p[1])[:SHOWN_PARTS]]
+            lines += [
+                f"{seconds:9.1f}                    {name}"
+                for name, seconds in sorted(parts, key=lambda p: -p[1])[:SHOWN_PARTS]
+            ]
     rest = sorted(jobs, key=lambda job: -job.wall_s)[SHOWN_JOBS:]
     lines.append(f"{sum(job.wall_s for job in rest):9.1f} {sum(job.cpu_s for job in rest):14.1f}  {len(rest)} others")
     lines.append(f"{sum(job.wall_s for job in jobs):9.1f} {sum(job.cpu_s for job in jobs):14.1f}  in all, side by side")
