@@ -142,10 +142,13 @@ def python_tests(module):
     variables = shown(module)
     python = variables["AMBF_PYTHON"]
     sources = [f"{package}/{'python' if package == 'ambf' else 'src'}/{package}" for package in PACKAGES]
-    folder, linted = ROOT / "python", (".", "../tests/suite", "../tests/domains.py")
+    folder, ruff = ROOT / "python", (python, "-m", "ruff")
+    suite = ("--config", "python/ruff.toml", "tests/suite", "tests/domains.py")
     jobs = [
-        Job("Python format", [python, "-m", "ruff", "format", "--config", "ruff.toml", "--check", *linted], folder),
-        Job("Python lints", [python, "-m", "ruff", "check", "--config", "ruff.toml", *linted], folder),
+        Job("Python format", [*ruff, "format", "--check", "."], folder),
+        Job("Python lints", [*ruff, "check", "."], folder),
+        Job("Python format of the suite", [*ruff, "format", "--check", *suite], ROOT),
+        Job("Python lints of the suite", [*ruff, "check", *suite], ROOT),
         Job("Python types", [python, "-m", "mypy", "--config-file", "mypy.ini", *sources], folder),
     ]
     for folder in (*(f"python/{package}/tests" for package in PACKAGES), "python/tests"):
