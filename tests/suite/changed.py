@@ -11,7 +11,12 @@ from plan import ROOT
 # Changes of these reach everything.
 EVERYWHERE = ("Cargo.toml", "Cargo.lock", ".cargo/", "scripts/setup", "tests/suite/", "third_party/")
 # Folders and files that sources may name.
-NAMED = ("docs", "resources", "python", "scripts", "README.md", "CONTRIBUTING.md", "ARCHITECTURE.md", "CHANGELOG.md")
+NAMED = (
+    *("docs", "resources", "python", "scripts", "tests/corpus", "tests/regressions", "tests/traces"),
+    *("README.md", "CONTRIBUTING.md", "ARCHITECTURE.md", "CHANGELOG.md"),
+)
+# What tests of Python share.
+SHARED = ("tests/ros/", "tests/waiting.py", "tests/domains.py")
 
 
 def git(*words):
@@ -61,11 +66,16 @@ def text_of(folder):
 
 def named(folders, file):
     """Whether sources in `folders` name the top folder of `file`, or the file in it."""
-    top = file.split("/", 1)[0]
-    return top in NAMED and any(re.search(rf"[\"/]{re.escape(top)}\b", text_of(folder)) for folder in folders)
+    top = next((name for name in NAMED if f"{file}/".startswith(f"{name}/")), None)
+    if top is None:
+        return False
+    # A page is read by its own name, or with all pages of the folder.
+    page = rf"/{re.escape(pathlib.Path(file).name)}\b|[\"/]docs\""
+    pattern = page if top == "docs" else rf"[\"/]{re.escape(top)}\b"
+    return any(re.search(pattern, text_of(folder)) for folder in folders)
 
 
-def touches(file, job):
+def touches(file, job):  # noqa: PLR0911
     """Whether a change of `file` can change what `job` finds."""
     if file.startswith(EVERYWHERE):
         return True
@@ -76,13 +86,15 @@ def touches(file, job):
     if job.name.startswith("Python "):
         return python
     parts = job.name.split()
+    if file.endswith(".py") and pathlib.Path(file).name.startswith("test_"):
+        return len(parts) > 1 and file == f"{parts[0]}/{parts[1]}.py"
     if parts[0] in packages():
         return owner in packages()[parts[0]] or named(packages()[parts[0]], file)
     # What remains starts the simulator, or the module, from Python.
     folder = "python/benchmarks" if parts[0] == "soak" else parts[0]
-    if file.startswith((f"{folder}/", "tests/ros/", "tests/waiting.py")):
-        # A test module is used by itself only.
-        return not pathlib.Path(file).name.startswith("test_") or (len(parts) > 1 and file == f"{folder}/{parts[1]}.py")
+    # Tests of one package of Python use the others.
+    if file.startswith((f"{folder}/", *SHARED, *(("python/",) if folder.startswith("python/") else ()))):
+        return True
     own = "python/ambf" if parts[0] == "python/ambf/tests" else "ambf-app"
     if owner in packages()[own] | {"python/ambf"} and not python:
         return True
