@@ -75,7 +75,7 @@ def named(folders, file):
     return any(re.search(pattern, text_of(folder)) for folder in folders)
 
 
-def touches(file, job):  # noqa: PLR0911
+def touches(file, job):
     """Whether a change of `file` can change what `job` finds."""
     if file.startswith(EVERYWHERE):
         return True
