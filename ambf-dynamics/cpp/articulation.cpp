@@ -232,6 +232,7 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
     joint.articulation = this;
     joint.link = i + 1;
     has_feedback |= joint.feedback != nullptr;
+    has_wide_limits |= joint.kind == Kind::ConeTwist || joint.kind == Kind::SixDof;
     members.push_back({&child, &joint, nullptr, nullptr});
 
     const ArticulationDynamics::Link &link = dynamics.links[i];
@@ -488,6 +489,14 @@ void AmbArticulation::integrate_free_motion(btScalar h) {
   }
   if (has_feedback) remember_momenta();
   choose_springs(h);
+  const bool is_alone = !has_contact && external_constraint_count == 0 && !has_wide_limits && !is_driven();
+  if (is_alone) {
+    joint_rows->plan_drives(h);
+    dynamics.step(h, position, rate, free_position, free_rate);
+    joint_rows->take_drives();
+    has_rows = false;
+    return;
+  }
   joint_rows->plan_motors(h);
   dynamics.step(h, position, rate, free_position, free_rate);
   free_energy = dynamics.kinetic_energy();

@@ -153,6 +153,8 @@ struct AmbArticulation {
   Start start;
   btTransform base_pose;
   bool has_feedback = false;
+  // A joint has limits of more than one coordinate.
+  bool has_wide_limits = false;
   Vector<btVector3> momenta, angular_momenta, velocities, angular_velocities;
   // Linear and angular quantities of the links while they are computed; members so that nothing is allocated in a step.
   std::array<Vector<btVector3>, 2> per_link;

@@ -114,6 +114,11 @@ void ArticulationDynamics::finish() {
   efforts.resize(coordinates);
   generalised_forces.resize(coordinates);
   unbounded_forces.resize(coordinates);
+  drive_inertia.resize(coordinates);
+  drive_pull.resize(coordinates);
+  drive_force.resize(coordinates);
+  given_by.resize(coordinates, -1);
+  rest_impulse.resize(coordinates);
   parent_component.resize(velocity_size());
   for (int k = 0; k < 6; ++k) parent_component[k] = k - 1;
   for (const Link &link : links) {
@@ -231,9 +236,9 @@ void ArticulationDynamics::add_inertias() {
 void ArticulationDynamics::compute_joint_inertia(Work &w, Freedom &freedom) {
   freedom.u_angular = w.a * freedom.s_angular + w.b * freedom.s_linear;
   freedom.u_linear = transpose_times(w.b, freedom.s_angular) + w.m * freedom.s_linear;
-  const btScalar d = std::max(freedom.s_angular.dot(freedom.u_angular) + freedom.s_linear.dot(freedom.u_linear),
-                              freedom.s_angular.length2() * w.least_inertia);
-  freedom.d_inverse = d > 0 ? 1 / d : 0;
+  freedom.d = std::max(freedom.s_angular.dot(freedom.u_angular) + freedom.s_linear.dot(freedom.u_linear),
+                       freedom.s_angular.length2() * w.least_inertia);
+  freedom.d_inverse = freedom.d > 0 ? 1 / freedom.d : 0;
 }
 
 // Articulated inertia seen through a degree of freedom: I_A - U D^-1 U^T.
@@ -258,6 +263,7 @@ void ArticulationDynamics::add_to_parent(size_t link) {
 // Second and third pass of the articulated-body algorithm: from the leaves to the base and back. The bias forces of all
 // bodies must have been set.
 void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
+  const bool is_driven = with_bias && drive_step > 0;
   for (size_t i = links.size(); i-- > 0;) {
     const Link &link = links[i];
     Work &w = work[i + 1];
@@ -267,10 +273,13 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
       Freedom &freedom = w.freedoms[k];
       compute_joint_inertia(w, freedom);
       freedom.u = efforts[link.coordinate + k] - freedom.s_angular.dot(torque) - freedom.s_linear.dot(force);
+      freedom.given = 0;
+      if (is_driven) drive(freedom, link.coordinate + k);
       if (is_last && k == 0) break;
       remove_joint_motion(w, freedom);
-      torque += freedom.u_angular * (freedom.u * freedom.d_inverse);
-      force += freedom.u_linear * (freedom.u * freedom.d_inverse);
+      const btScalar acceleration = freedom.u * freedom.d_inverse + freedom.given;
+      torque += freedom.u_angular * acceleration;
+      force += freedom.u_linear * acceleration;
     }
     if (is_last) continue;
     if (with_bias) {
@@ -299,8 +308,12 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
     }
     for (int k = 0; k < link.freedoms(); ++k) {
       const Freedom &freedom = w.freedoms[k];
-      const btScalar acceleration =
-          (freedom.u - freedom.u_angular.dot(w.alpha) - freedom.u_linear.dot(w.accel)) * freedom.d_inverse;
+      const btScalar left = freedom.u - freedom.u_angular.dot(w.alpha) - freedom.u_linear.dot(w.accel);
+      const btScalar acceleration = left * freedom.d_inverse + freedom.given;
+      if (is_driven) {
+        const int coordinate = link.coordinate + k;
+        drive_force[coordinate] = freedom.d * acceleration - (left - drive_pull[coordinate]);
+      }
       w.alpha += freedom.s_angular * acceleration;
       w.accel += freedom.s_linear * acceleration;
       out.q[link.coordinate + k] = acceleration;
@@ -316,6 +329,7 @@ btScalar ArticulationDynamics::Spring::displacement(btScalar q) const {
 
 void ArticulationDynamics::accelerate(const Position &position, const Rate &rate, Rate &acceleration) {
   efforts = generalised_forces;
+  if (drive_step > 0) add_drives();
   for (const Spring &spring : springs) {
     if (spring.is_stiff) continue;
     const int i = spring.coordinate;
@@ -642,7 +656,12 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     twist_before += bodies[i].torque.dot(angular[i]);
     most_twisted += bodies[i].torque.length() * SIMD_HALF_PI;
   }
-  accelerate(from, start_rate, slopes[0]);
+  drive_step = drives.empty() ? 0 : h;
+  if (drive_step > 0) {
+    settle_drives(from, slopes[0]);
+  } else {
+    accelerate(from, start_rate, slopes[0]);
+  }
   if (coordinates > 0 && steps_until_probe-- <= 0) {
     int probes = 1;
     if (mode.empty()) {
@@ -658,10 +677,12 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   const bool is_measured = h * largest_component(slopes[0]) < MAX_CHANGE;
   unbounded_forces = generalised_forces;
   if (is_measured) bound_acceleration(h, from, start_rate, slopes[0]);
+  if (drive_step > 0 && generalised_forces != unbounded_forces) measure_drives(slopes[0]);
   const btScalar phases = std::max(h * btSqrt(stiffness) / MAX_PHASE, h * fastest / MAX_TURN);
   // The comparison is false for NaN.
   int parts = phases > 1 ? static_cast<int>(std::min(std::ceil(phases), btScalar(MAX_PARTS))) : 1;
   btScalar scale = 1;
+  bool has_caught = false;
   for (;;) {
     divided_step(h, parts, from, start_rate, to, new_rate);
     update_poses(to);
@@ -669,7 +690,8 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     // The work of torques uses the mean angular velocity.
     btScalar twist_after = 0;
     for (size_t i = 0; i < bodies.size(); ++i) twist_after += bodies[i].torque.dot(angular[i]);
-    const Works by_forces = works_of_forces(from, to);
+    Works by_forces = works_of_forces(from, to);
+    for (const Drive &drive : drives) by_forces.internal += drive.work;
     const btScalar twisted =
         std::min(h / 2 * (twist_before + twist_after), most_twisted + btFabs(by_forces.internal));
     const btScalar work = by_forces.internal + twisted + h / 2 * (dragged_before + drag_power());
@@ -679,8 +701,14 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     // With velocities that overflow in the step, `after` and `slack` are infinite. Near rest the energy is rounded to 0,
     // and what drag takes is more: nothing can be removed then.
     if (std::isfinite(after) &&
-        (after <= 0 || after <= allowed + slack || after <= allowed + slack + rounding_of_work(from)))
-      break;
+        (after <= 0 || after <= allowed + slack || after <= allowed + slack + rounding_of_work(from))) {
+      if (has_caught || !catch_limits(from, to, new_rate)) break;
+      has_caught = true;
+      update_poses(from);
+      update_velocities(start_rate);
+      accelerate_driven(from, start_rate, slopes[0]);
+      continue;
+    }
     const int most = std::isfinite(after) ? MAX_PARTS : MAX_PARTS_TO_FINITE;
     if (parts >= most) {
       // The largest number of sub-intervals was not enough: the excess energy is removed by scaling the velocities.
@@ -698,8 +726,10 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     parts = std::min(parts * REFINEMENT, most);
     update_poses(from);
     update_velocities(start_rate);
-    accelerate(from, start_rate, slopes[0]);
+    accelerate_driven(from, start_rate, slopes[0]);
   }
+  if (drive_step > 0) return_to_limits(from, to);
+  drive_step = 0;
   std::swap(generalised_forces, unbounded_forces);
   // In this order: velocities of which only little is left may be so large that the momentum is lost to rounding.
   if (!(scale >= 1)) {
@@ -796,13 +826,14 @@ ArticulationDynamics::Works ArticulationDynamics::works_of_forces(const Position
 // Integrates over h s in equal parts. slopes[0] must be the acceleration at the beginning.
 void ArticulationDynamics::divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to,
                                         Rate &new_rate) {
+  begin_drive_sums();
   runge_kutta(h / parts, from, rate, to, new_rate);
   for (int i = 1; i < parts; ++i) {
     part = to;
     part_rate = new_rate;
     update_poses(part);
     update_velocities(part_rate);
-    accelerate(part, part_rate, slopes[0]);
+    accelerate_driven(part, part_rate, slopes[0]);
     runge_kutta(h / parts, part, part_rate, to, new_rate);
   }
 }
@@ -821,6 +852,7 @@ void ArticulationDynamics::runge_kutta(btScalar h, const Position &from, const R
   speeds[0] = rate;
   spins[0] = spin_of(rate.angular, from.rotation);
   set_ball_spins(0, from);
+  add_drive_sums(h / 6, rate);
   for (int i = 1; i < 4; ++i) {
     const Rate &speed = speeds[i - 1];
     stage.rotation = from.rotation + spins[i - 1] * way[i];
@@ -832,7 +864,8 @@ void ArticulationDynamics::runge_kutta(btScalar h, const Position &from, const R
     spins[i] = spin_of(speeds[i].angular, stage.rotation);
     set_ball_spins(i, stage);
     update_velocities(speeds[i]);
-    accelerate(stage, speeds[i], slopes[i]);
+    accelerate_driven(stage, speeds[i], slopes[i]);
+    add_drive_sums(i < 3 ? h / 3 : h / 6, speeds[i]);
   }
   auto way_of = [h](const auto &a, const auto &b, const auto &c, const auto &d) {
     return (a + b * 2 + c * 2 + d) * (h / 6);

@@ -65,6 +65,25 @@ class ArticulationDynamics {
     btScalar displacement(btScalar q) const;
   };
 
+  // A motor, a stiff spring or a limit of a coordinate, which acts over the whole step: with the impulse x in it, N m s or
+  // N s, the rate at its end is target - softness * x, or x is one of its bounds. It is part of the equations of motion:
+  // its force at each instant is that with which the acceleration there, kept over the step, leads to that rate.
+  struct Drive {
+    int coordinate;
+    btScalar target;     // rad/s or m/s
+    btScalar softness;   // change of rate per impulse; 0: rigid
+    btScalar low, high;  // bounds of the impulse
+    bool is_limit = false;
+    // Limit: 1 where it bounds the coordinate from below, -1 from above; 0 where it holds it. Else 0.
+    btScalar side = 0;
+    // Limit: distance at the beginning of the step, rad or m, negative if it is violated.
+    btScalar gap = 0;
+    bool is_angle = false;
+    enum class State { Free, Low, High } state = State::Free;
+    // At the last evaluation; and mean over the step, with its work, J.
+    btScalar impulse = 0, mean_impulse = 0, work = 0;
+  };
+
   // Linear (N s) and angular (N m s) momentum.
   struct Momentum {
     btVector3 linear{0, 0, 0}, angular{0, 0, 0};
@@ -116,6 +135,8 @@ class ArticulationDynamics {
   // further while the kinetic energy grows by more than the work of all forces. Damping that is stiff for h is split
   // off (Strang splitting): it acts for h / 2 before and after the step.
   void step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
+  // Drives act in it: limits are found to be reached or not, and motors within their bounds, by the accelerations at the
+  // beginning; a limit that is passed nevertheless makes the step again. Coordinates do not leave their limits.
   // Internal energy at the beginning of the last step, J.
   btScalar start_energy = 0;
   // Largest angular velocity of a link or joint then, rad/s.
@@ -193,6 +214,8 @@ class ArticulationDynamics {
   Vector<Body> bodies;
   Vector<Link> links;
   Vector<Spring> springs;
+  // Of the next step; `step` is the only function that knows them.
+  Vector<Drive> drives;
   // Force on each coordinate, N or N m, constant over a step.
   Vector<btScalar> generalised_forces;
   // Those without what `bound_acceleration` adds, during a step.
@@ -215,6 +238,8 @@ class ArticulationDynamics {
     btVector3 s_angular, s_linear;  // motion subspace
     btVector3 u_angular, u_linear;
     btScalar d_inverse, u;
+    // Articulated inertia D, and acceleration that a rigid drive prescribes.
+    btScalar d, given;
   };
 
   // The degrees of freedom of a joint are treated like sliders and hinges between bodies without mass at the same place,
@@ -234,6 +259,18 @@ class ArticulationDynamics {
   Momentum wrench(const btVector3 &about) const;
   // Corrects the momentum after a step of h s, from that and the wrench about the mass centre before it.
   void restore_momentum(btScalar h, const Momentum &before, const Momentum &wrench_before, Rate &rate);
+  void drive(Freedom &freedom, int coordinate) const;
+  void load_drives();
+  void add_drives();
+  void measure_drives(const Rate &acceleration);
+  bool saturate_drives();
+  bool pivot_drives(const Rate &acceleration, bool one_only);
+  void settle_drives(const Position &from, Rate &acceleration);
+  void accelerate_driven(const Position &position, const Rate &rate, Rate &acceleration);
+  void begin_drive_sums();
+  void add_drive_sums(btScalar time, const Rate &rate);
+  bool catch_limits(const Position &from, const Position &to, const Rate &rate);
+  void return_to_limits(const Position &from, Position &to) const;
   void runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   void divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   btScalar fastest_coordinate(const Rate &rate) const;
@@ -270,6 +307,13 @@ class ArticulationDynamics {
   Vector<btQuaternion> ball_spins[4];
   // Whether damping is split off from the other forces in the present step.
   bool splits_damping = false;
+  // Length of the present step, s, while drives act in it; else 0.
+  btScalar drive_step = 0;
+  // What drives add to the articulated inertia of each coordinate and to the force on it, and their total force in the
+  // last evaluation. `given_by`: the drive that prescribes its acceleration; -1: none.
+  Vector<btScalar> drive_inertia, drive_pull, drive_force;
+  Vector<int> given_by;
+  Vector<btScalar> rest_impulse;
   Vector<btVector3> wanted_linear, wanted_angular, start_origins;
   // Shape of the fastest vibration mode, and the square of its angular frequency, 1/s^2.
   Vector<btScalar> mode;

@@ -117,6 +117,11 @@ void AmbArticulation::end_account(btScalar h, bool is_straight) {
 
 void JointRows::book_feedforward(EnergyLedger &ledger, const ArticulationDynamics::Position &from,
                                  const ArticulationDynamics::Rate &rate, btScalar pose_lead) const {
+  if (are_drives) {
+    for (size_t i = 0; i < planned.size(); ++i)
+      ledger.book(work_kind(static_cast<int>(i)), articulation.dynamics.drives[i].work);
+    return;
+  }
   for (size_t i = 0; i < planned.size(); ++i) {
     const int k = planned[i].coordinate;
     const btScalar way =

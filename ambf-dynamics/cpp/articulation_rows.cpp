@@ -9,8 +9,6 @@ namespace {
 
 // Coefficient of restitution of a hinge at its limits, as in Bullet; that of a slider or spring is 0.
 constexpr btScalar HINGE_BOUNCE = 0.3;
-// Share of the violation of a limit that is corrected in a sub-step.
-constexpr btScalar LIMIT_ERP = 0.2;
 // CFM as a share of the response, which regularises several rows on one coordinate.
 constexpr btScalar SOFTNESS = 1e-9;
 // CFM of external constraints, as a share of the response of their rows.
@@ -31,8 +29,8 @@ JointRows::JointRows(AmbArticulation &owner)
     : EngineRows(owner.multi_body.get(), nullptr, 0, -1, 3 * owner.dynamics.coordinates, false,
                  MULTIBODY_CONSTRAINT_1DOF_JOINT_MOTOR),
       articulation(owner) {
-  // Maximum number of rows: a limit and a motor for each joint, a limit and a force for each spring.
-  m_numRows = 2 * (owner.dynamics.coordinates + static_cast<int>(owner.springs.size()));
+  // Maximum number of rows: two limits and a motor for each joint, two limits and a force for each spring.
+  m_numRows = 3 * (owner.dynamics.coordinates + static_cast<int>(owner.springs.size()));
   m_data.resize(m_numRows);
   reset();
 }
@@ -50,7 +48,7 @@ void JointRows::reset() {
   held_by_limits.assign(articulation.dynamics.coordinates, 0);
   steady_impulses.assign(articulation.dynamics.coordinates, 0);
   fed_velocity.assign(articulation.dynamics.velocity_size(), 0);
-  feeds_limits = false;
+  feeds_limits = are_drives = false;
 }
 
 int JointRows::getIslandIdA() const { return articulation.members[1].collider->getIslandTag(); }
@@ -59,12 +57,7 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
                            btScalar h) {
   const btScalar infinity = BT_LARGE_FLOAT, most = is_angle ? MAX_RETURN_RATE : MAX_RETURN_SPEED;
   if (low > high) return;
-  btScalar q = articulation.position.q[coordinate];
-  if (is_angle) {
-    // The angle is wrapped to within pi of the centre of the limits.
-    const btScalar center = (low + high) / 2;
-    q = center + std::remainder(q - center, 2 * SIMD_PI);
-  }
+  const btScalar q = coordinate_within(coordinate, low, high, is_angle);
   if (low == high) {
     const btScalar target = (low - q) * LIMIT_ERP / h;
     const btScalar bounded = std::max(std::min(target, most), -most);
@@ -133,26 +126,123 @@ void JointRows::plan_limits_of(AmbConstraint &joint, size_t member, btScalar h) 
   }
 }
 
-void JointRows::plan_motor(const AmbConstraint &joint, int coordinate, btScalar h) {
-  btScalar target, impulse, softness = 0;
+// Finds the motor of a joint: the rate that it leads to, its softness and its largest impulse in h s. Returns false if there is
+// none.
+bool JointRows::motor_of(const AmbConstraint &joint, btScalar h, btScalar &target, btScalar &softness,
+                         btScalar &impulse) const {
+  softness = 0;
   if (joint.motor.enabled) {
     target = joint.motor.velocity;
     softness = joint.motor.rows.softness[0];
     impulse = joint.motor.max_force * h;
   } else if (joint.kind == Kind::Hinge) {
     auto &hinge = static_cast<btHingeConstraint &>(*joint.constraint);
-    if (!hinge.getEnableAngularMotor()) return;
+    if (!hinge.getEnableAngularMotor()) return false;
     target = hinge.getMotorTargetVelocity();
     impulse = hinge.getMaxMotorImpulse();
   } else if (joint.kind == Kind::Slider) {
     auto &slider = static_cast<btSliderConstraint &>(*joint.constraint);
-    if (!slider.getPoweredLinMotor()) return;
+    if (!slider.getPoweredLinMotor()) return false;
     target = slider.getTargetLinMotorVelocity();
     impulse = slider.getMaxLinMotorForce() * h;
   } else {
+    return false;
+  }
+  return impulse > 0;
+}
+
+void JointRows::plan_motor(const AmbConstraint &joint, int coordinate, btScalar h) {
+  btScalar target, softness, impulse;
+  if (motor_of(joint, h, target, softness, impulse))
+    add_feedforward_row({coordinate, target, softness, -impulse, impulse, coordinate}, h);
+}
+
+void JointRows::plan_drive(int coordinate, btScalar target, btScalar softness, btScalar low, btScalar high, int source,
+                           bool is_angle) {
+  planned.push_back({coordinate, target, softness, low, high, source, 0, 0, is_angle});
+  ArticulationDynamics::Drive drive;
+  drive.coordinate = coordinate;
+  drive.target = target;
+  drive.softness = softness;
+  drive.low = low;
+  drive.high = high;
+  drive.is_angle = is_angle;
+  articulation.dynamics.drives.push_back(drive);
+}
+
+void JointRows::plan_limit_drive(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar bounce, btScalar h) {
+  if (low > high) return;
+  const btScalar infinity = BT_LARGE_FLOAT, q = coordinate_within(coordinate, low, high, is_angle);
+  Vector<ArticulationDynamics::Drive> &drives = articulation.dynamics.drives;
+  if (low == high) {
+    plan_drive(coordinate, 0, 0, -infinity, infinity, -1, is_angle);
+    drives.back().gap = q - low;
+    drives.back().is_limit = true;
     return;
   }
-  if (impulse > 0) add_feedforward_row({coordinate, target, softness, -impulse, impulse, coordinate}, h);
+  const btScalar rate = articulation.rate.q[coordinate];
+  for (btScalar side : {1, -1}) {
+    const btScalar gap = side * (q - (side > 0 ? low : high)), speed = side * rate;
+    btScalar target = gap < 0 ? 0 : -gap / h;
+    if (bounce > 0 && gap + h * speed < 0) target = std::max(target, -bounce * speed);
+    plan_drive(coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, is_angle);
+    ArticulationDynamics::Drive &drive = drives.back();
+    drive.side = side;
+    drive.gap = gap;
+    drive.is_limit = true;
+    drive.state = side > 0 ? ArticulationDynamics::Drive::State::Low : ArticulationDynamics::Drive::State::High;
+  }
+}
+
+void JointRows::plan_drives(btScalar h) {
+  ArticulationDynamics &dynamics = articulation.dynamics;
+  remember_rates(h);
+  planned.clear();
+  dynamics.drives.clear();
+  std::fill(dynamics.generalised_forces.begin(), dynamics.generalised_forces.end(), 0);
+  feeds_limits = false;
+  are_drives = true;
+  step = h;
+  for (size_t i = 1; i < articulation.members.size(); ++i) {
+    const AmbConstraint &joint = *articulation.members[i].joint;
+    const ArticulationDynamics::Link &link = dynamics.links[i - 1];
+    if (link.freedoms() != 1) continue;
+    const bool is_hinge = joint.kind == Kind::Hinge;
+    btScalar target, softness, impulse;
+    if (motor_of(joint, h, target, softness, impulse))
+      plan_drive(link.coordinate, target, softness, -impulse, impulse, link.coordinate, is_hinge);
+    plan_limit_drive(link.coordinate, joint.motor.low, joint.motor.high, is_hinge, is_hinge ? HINGE_BOUNCE : 0, h);
+  }
+  for (size_t i = 0; i < articulation.springs.size(); ++i) {
+    const ArticulationDynamics::Spring &spring = dynamics.springs[i];
+    if (spring.is_stiff)
+      plan_drive(spring.coordinate, target_of(spring, h), 1 / (h * (spring.damping + h * spring.stiffness)), -BT_LARGE_FLOAT,
+                 BT_LARGE_FLOAT, dynamics.coordinates + static_cast<int>(i), spring.is_angle);
+    plan_limit_drive(spring.coordinate, articulation.springs[i].low, articulation.springs[i].high, spring.is_angle, 0, h);
+  }
+}
+
+void JointRows::take_drives() {
+  const Vector<ArticulationDynamics::Drive> &drives = articulation.dynamics.drives;
+  for (size_t i = 0; i < planned.size(); ++i) {
+    const bool is_limit = planned[i].source < 0;
+    planned[i].feedforward = is_limit ? 0 : drives[i].mean_impulse;
+    m_data[i] = is_limit ? drives[i].mean_impulse : 0;
+  }
+}
+
+// Angle that is wrapped to within pi of the centre of its limits, or displacement.
+btScalar JointRows::coordinate_within(int coordinate, btScalar low, btScalar high, bool is_angle) const {
+  const btScalar q = articulation.position.q[coordinate], centre = (low + high) / 2;
+  return is_angle ? centre + std::remainder(q - centre, 2 * SIMD_PI) : q;
+}
+
+// Keeps the rates at the beginning of this sub-step, and how they changed in the last one.
+void JointRows::remember_rates(btScalar h) {
+  for (size_t k = 0; k < last_rate.size(); ++k) {
+    last_change[k] = step > 0 ? (articulation.rate.q[k] - last_rate[k]) * (h / step) : 0;
+    last_rate[k] = articulation.rate.q[k];
+  }
 }
 
 void JointRows::add_feedforward_row(Row row, btScalar h) {
@@ -168,10 +258,9 @@ btScalar JointRows::target_of(const ArticulationDynamics::Spring &spring, btScal
 }
 
 void JointRows::plan_motors(btScalar h) {
-  for (size_t k = 0; k < last_rate.size(); ++k) {
-    last_change[k] = step > 0 ? (articulation.rate.q[k] - last_rate[k]) * (h / step) : 0;
-    last_rate[k] = articulation.rate.q[k];
-  }
+  remember_rates(h);
+  are_drives = false;
+  articulation.dynamics.drives.clear();
   std::fill(forces.begin(), forces.end(), 0);
   // What holds a joint at its limit is fed forward, and what stops it there is not.
   steady_impulses = limit_impulses;
@@ -341,6 +430,7 @@ btScalar JointRows::spring_impulse(size_t spring) const {
 
 void JointRows::createConstraintRows(btMultiBodyConstraintArray &rows, btMultiBodyJacobianData &data,
                                      const btContactSolverInfo &info) {
+  if (are_drives) return;
   for (size_t i = 0; i < planned.size(); ++i) {
     const Row &plan = planned[i];
     btMultiBodySolverConstraint &row = new_row(rows, static_cast<int>(i), data);

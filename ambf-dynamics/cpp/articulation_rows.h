@@ -19,6 +19,10 @@ class JointRows : public EngineRows {
   // the dynamics, and after the free motion under these forces the limits.
   void plan_motors(btScalar h);
   void plan_limits(btScalar h);
+  // Instead of both, where nothing else acts on the articulation: hands motors, stiff springs and limits to its equations of
+  // motion, and keeps what they did in the sub-step. There are no rows then.
+  void plan_drives(btScalar h);
+  void take_drives();
   bool is_geometric(int row) const override { return planned[row].source < 0; }
   bool is_spring(int row) const override { return planned[row].source >= articulation.dynamics.coordinates; }
   btScalar bias(int row) const override { return planned[row].target; }
@@ -34,7 +38,7 @@ class JointRows : public EngineRows {
   // ledger.h.
   void book_feedforward(EnergyLedger &ledger, const ArticulationDynamics::Position &from,
                         const ArticulationDynamics::Rate &rate, btScalar pose_lead) const;
-  bool any() const { return !planned.empty() || feeds_limits; }
+  bool any() const { return !are_drives && (!planned.empty() || feeds_limits); }
   // Writes the rates that the fed-forward impulses of limits give at the old position, and returns false if there are none.
   // Rows have the whole impulses and act on the motion without these. The articulated inertia must have been factored.
   bool rates_by_limits(ArticulationDynamics::Rate &fed);
@@ -82,6 +86,11 @@ class JointRows : public EngineRows {
   // Rate without a force of the spring at the end of the sub-step, rad/s or m/s.
   btScalar target_of(const ArticulationDynamics::Spring &spring, btScalar h) const;
   void plan_limits_of(AmbConstraint &joint, size_t member, btScalar h);
+  void plan_drive(int coordinate, btScalar target, btScalar softness, btScalar low, btScalar high, int source, bool is_angle);
+  void plan_limit_drive(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar bounce, btScalar h);
+  btScalar coordinate_within(int coordinate, btScalar low, btScalar high, bool is_angle) const;
+  void remember_rates(btScalar h);
+  bool motor_of(const AmbConstraint &joint, btScalar h, btScalar &target, btScalar &softness, btScalar &impulse) const;
   void plan_motor(const AmbConstraint &joint, int coordinate, btScalar h);
   void add_feedforward_row(Row row, btScalar h);
   void drop_wrong_feedforward(btScalar h);
@@ -96,6 +105,8 @@ class JointRows : public EngineRows {
   // Impulse with which the limit of each coordinate holds it in the free motion, also as a part of the force of its motor.
   Vector<btScalar> held_by_limits;
   bool feeds_limits = false;
+  // Whether what is planned is part of the equations of motion of this sub-step.
+  bool are_drives = false;
   btScalar step = 0;
   ArticulationDynamics::Rate acceleration, with_feedforward;
   Vector<btScalar> fed_forces;

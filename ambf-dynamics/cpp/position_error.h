@@ -12,6 +12,8 @@ constexpr double NO_SPEED = 1e-14;
 constexpr btScalar UNBOUNDED = 1e9;
 // Largest correction velocity of joints and of bodies, m/s and rad/s, and of violated limits.
 constexpr btScalar MAX_CORRECTION_SPEED = 10, MAX_CORRECTION_RATE = 50, MAX_RETURN_SPEED = 1, MAX_RETURN_RATE = 5;
+// Share of the violation of a limit that is corrected in a sub-step.
+constexpr btScalar LIMIT_ERP = 0.2;
 // Largest turn of a body or joint by a correction, rad: the rows are linear in the motion.
 constexpr btScalar MAX_CORRECTION_TURN = 0.05;
 // The position problem is solved only if the correction velocity of a joint exceeds MIN_CORRECTION, m/s or rad/s, or

@@ -14,8 +14,9 @@ use crate::control::{
     TrackingError,
 };
 
-/// Largest turn that a position controller may ask of a joint between free bodies in a sub-step, rad. Rows of joints are
-/// linear in the motion, so that larger turns open them; an absurd gain asks for any turn.
+/// Largest turn that a position controller may ask of a joint in a sub-step, rad. The derivative part of a controller asks
+/// for any turn where the set point jumps, and an absurd gain always. Rows of joints are linear in the motion, so that larger
+/// turns open them, and a joint that turns further may be beyond its limits in the same sub-step.
 const MAX_DRIVEN_TURN: f64 = 0.1;
 
 impl Scene {
@@ -210,11 +211,12 @@ impl Joint {
         let scheme = if is_articulated { Scheme::Collocated } else { Scheme::Staggered };
         let at = TrackingError { error, set_rate: target.goal_motion.rate, rate };
         let mut row = target.driver.update(&at, scheme, sub_step.length);
-        if self.joint_type == JointType::Revolute && !is_articulated {
+        target.has_spring = target.driver.is_spring();
+        // The springs of articulations are part of their equations of motion, in which stiffness does no harm.
+        if self.joint_type == JointType::Revolute && !(is_articulated && target.has_spring) {
             let most = MAX_DRIVEN_TURN / sub_step.whole;
             row.velocity = row.velocity.max(-most).min(most);
         }
-        target.has_spring = target.driver.is_spring();
         let drive = if target.has_spring {
             // As in the C++ program, forces of a controller have no bound.
             SoftMotor { velocity: row.velocity, softness: row.softness, max_force: f64::INFINITY }
