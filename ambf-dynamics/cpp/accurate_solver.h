@@ -959,12 +959,14 @@ class AccurateSolver : public Base {
     if (first) mlcp_table->set_guess_tolerance(mlcp_, first->guess_tolerance);
     double yielding = island ? island->drive_yielding : 0, unyielding = BT_LARGE_FLOAT;
     bool may_yield = island && DriveYielding::is_allowed(island->drives_yielded_in_vain, sub_step_);
+    // Drives that contradict other rows make the problem hard to solve: it may cost as much again with softer ones.
+    const double again = budget;
     budget += shared_budget_;
     for (bool is_first = true;; is_first = false) {
       const int outcome = mlcp_table->solve(mlcp_, yielding, budget);
       const AmbMlcpStatistics found = count_solution();
       budget = std::max(budget - found.multiplications, 0.0);
-      may_yield = may_yield && budget > 0;
+      may_yield = may_yield && (is_first || budget > 0);
       seen.rows += found.rows;
       seen.factorisations += found.factorisations;
       seen.pivots += found.pivots;
@@ -973,7 +975,8 @@ class AccurateSolver : public Base {
       const double opened = island && is_finite ? positions_.opening(mlcp_table->impulses(mlcp_), h) : 0;
       if (yielding == 0) unyielding = opened;
       if (may_yield && DriveYielding::is_wanted(yielding, opened)) {
-        yielding = DriveYielding::raised(yielding);
+        yielding = DriveYielding::raised(yielding, opened);
+        if (is_first) budget = std::max(budget, again);
       } else if (may_yield && !is_first && DriveYielding::is_in_vain(unyielding, opened)) {
         yielding = 0;
         may_yield = false;

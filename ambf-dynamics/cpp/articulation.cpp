@@ -579,7 +579,9 @@ void AmbArticulation::integrate(btScalar h) {
   dynamics.update_velocities(rate);
   if (keeps_momentum) dynamics.set_momentum(motion.momentum, dynamics.mass_centre(), rate);
   limit_energy(motion.energy_limit, motion.momentum);
-  dynamics.bound_rotation(rate, h);
+  // Rows are linear in the motion, and turns of radians in a sub-step are not. Without rows the equations of motion resolve
+  // them by parts of the sub-step, and only what no torque causes is too fast.
+  dynamics.bound_rotation(rate, has_rows ? SIMD_HALF_PI / h : dynamics.start_rotation + SIMD_HALF_PI / h);
   if (is_accounted) end_account(h, motion.is_straight);
   if (has_feedback) write_feedback(h);
   write_proxies();

@@ -502,10 +502,9 @@ btScalar ArticulationDynamics::fastest_rotation(const Rate &rate) const {
   return std::max(fastest, fastest_coordinate(rate));
 }
 
-void ArticulationDynamics::bound_rotation(Rate &rate, btScalar h) {
+void ArticulationDynamics::bound_rotation(Rate &rate, btScalar most) {
   // Impulses on one coordinate after the other disturb those before.
   constexpr int MAX_ROUNDS = 4;
-  const btScalar most = SIMD_HALF_PI / h;
   for (int round = 0; fastest_coordinate(rate) > most; ++round) {
     if (round == MAX_ROUNDS) {
       scale_internal_velocity(most / fastest_coordinate(rate), rate);
@@ -649,12 +648,12 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   const btScalar dragged_before = drag_power(), fastest = start_rotation = fastest_rotation(start_rate);
   start_elastic_energy = springs.empty() ? 0 : elastic_energy(from);
   start_origins = origins;
-  // Rotation is limited to a quarter of a turn in the step, and with it the work of torques beyond that which other forces
-  // take: velocities that diverge say nothing about it.
+  // The rotation in the step grows by a quarter of a turn at most, and with it the work of torques beyond that which other
+  // forces take: velocities that diverge say nothing about it.
   btScalar twist_before = 0, most_twisted = 0;
   for (size_t i = 0; i < bodies.size(); ++i) {
     twist_before += bodies[i].torque.dot(angular[i]);
-    most_twisted += bodies[i].torque.length() * SIMD_HALF_PI;
+    most_twisted += bodies[i].torque.length() * (fastest * h + SIMD_HALF_PI);
   }
   drive_step = drives.empty() ? 0 : h;
   if (drive_step > 0) {

@@ -170,11 +170,11 @@ class ArticulationDynamics {
     steps_until_probe = 0;
   }
 
-  // Bounds the angular velocity of the base and of revolute and ball joints to pi / 2 in h s, as Bullet clamps
-  // angular velocities of rigid bodies: by impulses between the two bodies of a joint, which take energy away and keep
+  // Bounds the angular velocity of the base and of revolute and ball joints to `most` rad/s, as Bullet clamps angular
+  // velocities of rigid bodies: by impulses between the two bodies of a joint, which take energy away and keep
   // the momentum. Setting the rate of one coordinate alone would change the velocities of all bodies behind it, and
   // adds energy where rates of several coordinates cancel. Poses and velocities must be up to date.
-  void bound_rotation(Rate &rate, btScalar h);
+  void bound_rotation(Rate &rate, btScalar most);
   // Adds generalised forces that keep the accelerations of revolute and ball joints, rad/s^2, from changing an angular
   // velocity by more than that in h s, as the torque of a wrench does on a link of next to no inertia. What the present
   // motion adds does not count. A motion by many turns in h s cannot be integrated, and its truncation errors are those

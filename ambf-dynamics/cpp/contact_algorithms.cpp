@@ -136,12 +136,18 @@ class ConvexOnPlane final : public btConvexPlaneCollisionAlgorithm {
 
   void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
                         const btDispatcherInfo &info, btManifoldResult *result) override {
-    btConvexPlaneCollisionAlgorithm::processCollision(first, second, info, result);
-    if (!is_deep(*result)) return;
     const btCollisionObjectWrapper &object = is_swapped_ ? *second : *first, &ground = is_swapped_ ? *first : *second;
     const auto &plane = static_cast<const btStaticPlaneShape &>(*ground.getCollisionShape());
     const btTransform &pose = object.getWorldTransform(), &frame = ground.getWorldTransform();
     const btVector3 normal = frame.getBasis() * plane.getPlaneNormal();
+    // Bullet evaluates the support function of all vertices of a shape, however far it is from the plane: planes have no
+    // bounding box that would keep the pair out of the broad phase.
+    const btCollisionShape &whole = *object.getCollisionObject()->getCollisionShape();
+    const btScalar threshold = whole.getContactBreakingThreshold(gContactBreakingThreshold);
+    if (!has_contacts_ && distance_of_box(object, normal, frame, plane) > threshold) return;
+    btConvexPlaneCollisionAlgorithm::processCollision(first, second, info, result);
+    has_contacts_ = result->getPersistentManifold() && result->getPersistentManifold()->getNumContacts() > 0;
+    if (!is_deep(*result)) return;
     for_resting_points(*object.getCollisionShape(), -(normal * pose.getBasis()), [&](const btVector3 &at) {
       const btVector3 point = pose * at;
       const btScalar distance = normal.dot(point - frame.getOrigin()) - plane.getPlaneConstant();
@@ -151,7 +157,19 @@ class ConvexOnPlane final : public btConvexPlaneCollisionAlgorithm {
   }
 
  private:
+  // Distance between the bounding box of the object, in its own frame, and the plane, m; at most that of the object itself.
+  static btScalar distance_of_box(const btCollisionObjectWrapper &object, const btVector3 &normal, const btTransform &frame,
+                                  const btStaticPlaneShape &plane) {
+    btVector3 low, high;
+    object.getCollisionShape()->getAabb(btTransform::getIdentity(), low, high);
+    const btTransform &pose = object.getWorldTransform();
+    const btVector3 along = normal * pose.getBasis();
+    const btScalar reach = along.absolute().dot((high - low) / 2);
+    return normal.dot(pose * ((low + high) / 2) - frame.getOrigin()) - plane.getPlaneConstant() - reach;
+  }
+
   const bool is_swapped_;
+  bool has_contacts_ = false;
 };
 
 // In the dispatcher's pool, which has room for Bullet's own algorithms.

@@ -31,7 +31,8 @@ class PositionRows {
     const double cfm = row.is_drive ? row.position_cfm : std::max(row.cfm, row.position_cfm);
     const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / cfm : 0;
     const double target = counts ? row.position_target : 0;
-    rows_.push_back({target, target / share, weight, row.cfm, is_angular, kind == Kind::Geometric && !row.is_drive, arm});
+    const bool is_joint = kind == Kind::Geometric && !row.is_drive;
+    rows_.push_back({target, target / share, weight, row.cfm, is_angular, is_joint, kind == Kind::Contact ? CONTACT_ARM : arm});
     states_.push_back(is_low ? AMB_MLCP_LOW : is_high ? AMB_MLCP_HIGH : AMB_MLCP_FREE);
     has_springs_ = has_springs_ || (row.is_drive && row.in_positions);
     if (!counts) return;
@@ -109,13 +110,13 @@ class PositionRows {
     return {largest, share};
   }
 
-  // By how much the joints of the island open by their CFM in a sub-step of h s, as a share of their lever arms, or rad,
-  // with the impulses `impulses`.
+  // By how much the joints of the island open, and its contacts close, by their CFM in a sub-step of h s, as a share of their
+  // lever arms, or rad, with the impulses `impulses`.
   double opening(const double *impulses, double h) const {
     double largest = 0;
     for (size_t i = 0; i < rows_.size(); ++i) {
       const Row &row = rows_[i];
-      if (!row.is_joint || !(row.is_angular || row.arm > 0)) continue;
+      if (!(row.is_joint && row.is_angular) && !(row.arm > 0)) continue;
       const double opened = h * row.cfm * std::fabs(impulses[i]);
       largest = std::max(largest, row.is_angular ? opened : opened / row.arm);
     }
@@ -133,6 +134,10 @@ class PositionRows {
     // Lever arm of the joint, m; 0: not known.
     double arm;
   };
+
+  // Length that stands for the lever arm at contacts, m: what drives press into each other is corrected at a rate of 10/s and
+  // stays some 1e-5 m deep.
+  static constexpr double CONTACT_ARM = 0.01;
 
   template <class ErrorOf>
   PositionErrors sums(ErrorOf error_of, double yielding) const {
