@@ -634,6 +634,7 @@ class AccurateSolver : public Base {
       const auto &owner = *static_cast<const EngineRows *>(joints[i].m_orgConstraint);
       row.is_drive = !owner.is_geometric(joints[i].m_orgDofIndex);
       if (row.is_drive) row.yielding_cfm = softness_of(joints[i], DriveYielding::SOFTNESS);
+      row.fed = owner.fed(joints[i].m_orgDofIndex);
       row.bias = row.is_drive ? 0 : owner.bias(joints[i].m_orgDofIndex);
       row.in_positions = joints[i].m_jacDiagABInv > 0 && (!row.is_drive || owner.is_spring(joints[i].m_orgDofIndex));
       note_error(owner.error(joints[i].m_orgDofIndex), owner.is_angular(joints[i].m_orgDofIndex));

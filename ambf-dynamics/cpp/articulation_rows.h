@@ -27,6 +27,7 @@ class JointRows : public EngineRows {
   bool is_spring(int row) const override { return planned[row].source >= articulation.dynamics.coordinates; }
   btScalar bias(int row) const override { return planned[row].target; }
   btScalar guess(int row) const override { return planned[row].guess; }
+  btScalar fed(int row) const override { return planned[row].feedforward; }
   bool is_angular(int row) const override { return planned[row].is_angle; }
   WorkKind work_kind(int row) const override {
     const int source = planned[row].source;

@@ -38,6 +38,8 @@ class EngineRows : public btMultiBodyConstraint {
   virtual btScalar bias(int) const { return 0; }
   // Impulse of the row in the last sub-step where that is a guess of the next one, N s or N m s.
   virtual btScalar guess(int) const { return 0; }
+  // Impulse of a drive that is part of the free motion, N s or N m s: the row solves for the change.
+  virtual btScalar fed(int) const { return 0; }
   virtual WorkKind work_kind(int row) const = 0;
 
  protected:

@@ -2,10 +2,10 @@
 //
 // Files give motors bounds, and springs strains and stiffnesses, that are far beyond anything their bodies can bear. Where
 // such drives contradict joints (motors of a closed loop that ask for different velocities, a spring on a mechanism
-// without degrees of freedom), a joint yields by its CFM times its impulse, and opens faster than the position problem
-// can close it; a contact between two jaws that close yields likewise. The CFM of the drives is then raised, until the joints hold. Where that does not help, joints open for
-// other reasons, such as loops with more constraints than they need whose dimensions are inaccurate, and drives do not
-// yield for a while.
+// without degrees of freedom) or contacts (jaws that close on a wall), a joint yields by its CFM times its impulse, and opens
+// faster than the position problem can close it. The CFM of the drives is then raised, until the joints hold. Where that does
+// not help, joints open for other reasons, such as loops with more constraints than they need whose dimensions are inaccurate,
+// and drives do not yield for a while.
 #ifndef AMB_DRIVE_YIELDING_H
 #define AMB_DRIVE_YIELDING_H
 

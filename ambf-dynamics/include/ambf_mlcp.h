@@ -51,6 +51,8 @@ typedef struct AmbMlcpRow {
   double cfm, position_cfm;
   /* Least CFM by which a drive yields to joints, for a yielding of 1; 0: it does not. */
   double yielding_cfm;
+  /* Impulse of a drive that is part of the motion before the impulses; what yields is its sum with that of the row. */
+  double fed;
   /* Bounds of the impulse, N s or N m s; beyond 1e9 there are none. Friction replaces them. */
   double low, high;
   /* Row of the normal impulse for friction: the bounds are +-min(friction max(normal impulse, 0), cap); -1: no

@@ -27,7 +27,7 @@ use outputs::Outputs;
 
 use crate::cli::BatchOptions;
 use crate::process::{self, cpu_seconds, peak_memory_mb};
-use crate::{launch, plugins, report};
+use crate::{launch, plugins, report, warn};
 
 /// Largest command file that is read, bytes.
 const MAX_COMMANDS: u64 = 64 << 20;
@@ -181,6 +181,10 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         problems.for_each(|problem| report!("{problem}"));
         return Err(first);
     }
+    let solver = simulation.take_solver_statistics();
+    if let Some(warning) = missed_rows(&solver) {
+        warn!("{warning}");
+    }
     Ok(Summary {
         steps: options.steps,
         sim_s: simulation.sim_time(),
@@ -193,7 +197,23 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         bodies: simulation.scene().bodies.len(),
         joints: simulation.scene().joints.len(),
         incomplete,
-        solver: simulation.take_solver_statistics(),
+        solver,
+    })
+}
+
+/// Residual from which a run is not as its file says, m/s or rad/s.
+const LARGE_RESIDUAL: f64 = 1.0;
+
+/// A warning where the solver of profile `accurate` missed contacts or joints by much.
+fn missed_rows(found: &SolverStatistics) -> Option<String> {
+    let SolverStatistics { islands_solved, islands_approximate, islands_iterated, residual, .. } = *found;
+    (islands_approximate > 0 && residual >= LARGE_RESIDUAL).then(|| {
+        format!(
+            "warning: {islands_approximate} of {} groups of joints and contacts were solved approximately, the worst to {residual:.1e} m/s or \
+             rad/s: light bodies between hard contacts, joints or motors that contradict each other; a smaller `--dt`, more inertia or less \
+             `max motor impulse` helps",
+            islands_solved + islands_approximate + islands_iterated
+        )
     })
 }
 

@@ -7,6 +7,7 @@ mod bad_scenes_limits;
 mod budgets;
 mod energy;
 mod energy_scenes;
+mod joint_drives;
 mod joint_rows;
 mod lost_states;
 mod models_at_run_time;

@@ -41,6 +41,8 @@ pub struct AmbMlcpRow {
     pub position_cfm: f64,
     /// See [`Row::yielding_cfm`](super::ConstraintRow::yielding_cfm).
     pub yielding_cfm: f64,
+    /// See [`Row::fed`](super::ConstraintRow::fed).
+    pub fed: f64,
     /// See [`Row::low`].
     pub low: f64,
     /// See [`Row::high`].
@@ -241,6 +243,7 @@ unsafe extern "C" fn add_row(solver: *mut Solver, row: *const AmbMlcpRow) -> c_i
             cfm: row.cfm,
             position_cfm: row.position_cfm,
             yielding_cfm: row.yielding_cfm,
+            fed: row.fed,
             low: row.low,
             high: row.high,
             friction,

@@ -106,9 +106,10 @@ impl Variable {
         .with_possible_state()
     }
 
-    /// Raises its CFM to at least `cfm`.
-    pub fn soften(&mut self, cfm: f64) {
+    /// Raises its CFM to at least `cfm`. `fed`: the impulse of the row that acts beside `x`, and that gives way, too.
+    pub fn soften(&mut self, cfm: f64, fed: f64) {
         if cfm > self.cfm {
+            self.target -= (cfm - self.cfm) * fed;
             self.diagonal += cfm - self.cfm;
             self.inverse_cfm = 1.0 / cfm;
             self.cfm = cfm;

@@ -71,6 +71,9 @@ pub struct ConstraintRow<S> {
     /// Least CFM, 1/kg or 1/(kg·m²), by which a drive yields to joints that contradict it, for a yielding of 1 in
     /// [`Solver::solve_yielding`](super::Solver::solve_yielding); 0: it doesn't.
     pub yielding_cfm: f64,
+    /// Impulse of a drive that is part of the motion before the impulses, N·s or N·m·s. The row solves for the change; what
+    /// yields is the sum.
+    pub fed: f64,
     /// Lower bound of the impulse, N·s or N·m·s; what is ≤ -1e9 means none.
     pub low: f64,
     /// Upper bound; what is ≥ 1e9 means none.
@@ -102,6 +105,7 @@ impl Default for Row<'_> {
             cfm: 0.0,
             position_cfm: 0.0,
             yielding_cfm: 0.0,
+            fed: 0.0,
             low: f64::NEG_INFINITY,
             high: f64::INFINITY,
             friction: None,
@@ -116,7 +120,7 @@ impl Default for Row<'_> {
 impl<S> ConstraintRow<S> {
     fn with_sides<T>(&self, sides: [T; 2]) -> ConstraintRow<T> {
         let &Self { target, bias, is_drive, position_target, cfm, position_cfm, .. } = self;
-        let &Self { yielding_cfm, low, high, friction, state, x, in_positions, stays_loaded, .. } = self;
+        let &Self { yielding_cfm, fed, low, high, friction, state, x, in_positions, stays_loaded, .. } = self;
         ConstraintRow {
             sides,
             target,
@@ -126,6 +130,7 @@ impl<S> ConstraintRow<S> {
             cfm,
             position_cfm,
             yielding_cfm,
+            fed,
             low,
             high,
             friction,

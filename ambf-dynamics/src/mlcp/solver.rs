@@ -313,7 +313,7 @@ impl Solver {
             for (p, &row) in self.layout.order.iter().enumerate() {
                 let row = &self.rows.rows[row as usize];
                 let mut variable = variable(row, &self.layout, self.factor.diagonal()[p]);
-                variable.soften(yielding * row.yielding_cfm);
+                variable.soften(yielding * row.yielding_cfm, row.fed);
                 self.iterate.variables.push(variable);
             }
         }

@@ -62,6 +62,7 @@ fn the_table_of_functions_solves_like_the_solver() {
         cfm: 0.0,
         position_cfm: 0.0,
         yielding_cfm: 0.0,
+        fed: 0.0,
         low: 0.0,
         high: 0.1,
         normal: -1,
