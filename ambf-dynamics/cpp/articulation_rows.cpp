@@ -31,8 +31,8 @@ JointRows::JointRows(AmbArticulation &owner)
     : EngineRows(owner.multi_body.get(), nullptr, 0, -1, 3 * owner.dynamics.coordinates, false,
                  MULTIBODY_CONSTRAINT_1DOF_JOINT_MOTOR),
       articulation(owner) {
-  // Maximum number of rows: a limit and a motor for each joint, a limit and a force for each spring.
-  m_numRows = 2 * (owner.dynamics.coordinates + static_cast<int>(owner.springs.size()));
+  // Maximum number of rows: a limit, a motor, friction and a largest rate for each joint, a limit and a force for each spring.
+  m_numRows = 4 * owner.dynamics.coordinates + 2 * static_cast<int>(owner.springs.size());
   m_data.resize(m_numRows);
   reset();
 }
@@ -44,7 +44,7 @@ void JointRows::reset() {
   last_rate.assign(articulation.dynamics.coordinates, 0);
   last_change.assign(articulation.dynamics.coordinates, 0);
   planned.clear();
-  forces.assign(articulation.dynamics.coordinates + articulation.springs.size(), 0);
+  forces.assign(2 * articulation.dynamics.coordinates + articulation.springs.size(), 0);
   limit_impulses.assign(articulation.dynamics.coordinates, 0);
   limit_feedforward.assign(articulation.dynamics.coordinates, 0);
   held_by_limits.assign(articulation.dynamics.coordinates, 0);
@@ -68,7 +68,7 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
   if (low == high) {
     const btScalar target = (low - q) * LIMIT_ERP / h;
     const btScalar bounded = std::max(std::min(target, most), -most);
-    planned.push_back({coordinate, 0, 0, -infinity, infinity, -1, 0, bounded, is_angle, limit_impulses[coordinate]});
+    planned.push_back({coordinate, 0, 0, -infinity, infinity, LIMIT, 0, bounded, is_angle, limit_impulses[coordinate]});
     return;
   }
   for (btScalar side : {1, -1}) {
@@ -83,10 +83,19 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
     btScalar target = gap < 0 ? 0 : -gap / h;
     if (bounce > 0 && gap + h * speed_before < 0) target = std::max(target, -bounce * speed_before);
     const btScalar correction = gap < 0 ? std::min(-gap / h * LIMIT_ERP, most) : -gap / h;
-    planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, 0,
+    planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, LIMIT, 0,
                        side * correction, is_angle, side * std::max(side * limit_impulses[coordinate], btScalar(0))});
     return;
   }
+}
+
+// What exceeds the largest rate without a row is brought back to it.
+void JointRows::plan_largest_rate(const SoftMotor &motor, int coordinate, bool is_angle) {
+  const btScalar rate = articulation.free_rate.q[coordinate];
+  if (!motor.bounds_rate() || btFabs(rate) <= motor.max_rate) return;
+  const btScalar side = rate > 0 ? 1 : -1, infinity = BT_LARGE_FLOAT;
+  planned.push_back({coordinate, side * motor.max_rate, 0, side > 0 ? -infinity : 0, side > 0 ? 0 : infinity, LARGEST_RATE, 0, 0,
+                     is_angle});
 }
 
 // Limits of a cone-twist or six-dof joint: rows of Bullet's constraint.
@@ -137,7 +146,7 @@ void JointRows::plan_motor(const AmbConstraint &joint, int coordinate, btScalar 
   btScalar target, impulse, softness = 0;
   if (joint.motor.enabled) {
     target = joint.motor.velocity;
-    softness = joint.motor.rows.softness[0];
+    softness = joint.motor.softness;
     impulse = joint.motor.max_force * h;
   } else if (joint.kind == Kind::Hinge) {
     auto &hinge = static_cast<btHingeConstraint &>(*joint.constraint);
@@ -181,14 +190,14 @@ void JointRows::plan_motors(btScalar h) {
   for (size_t i = 0; i < planned.size(); ++i) {
     if (planned[i].source >= 0) {
       forces[planned[i].source] = (planned[i].feedforward + m_data[i]) / step;
-    } else if (planned[i].member == 0 && m_data[i] != 0) {
+    } else if (planned[i].source == LIMIT && planned[i].member == 0 && m_data[i] != 0) {
       limit_impulses[planned[i].coordinate] = m_data[i];
     }
   }
   // What presses a joint against its limit is part of the free motion, which would turn the joint beyond it.
   std::fill(held_by_limits.begin(), held_by_limits.end(), 0);
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source >= 0 || planned[i].member > 0 || m_data[i] == 0) continue;
+    if (planned[i].source != LIMIT || planned[i].member > 0 || m_data[i] == 0) continue;
     const int k = planned[i].coordinate;
     // A motor may press a joint with a million times the force that moves it: the force of the limit is subtracted from it.
     const auto drives = [&](const Row &row) {
@@ -213,7 +222,10 @@ void JointRows::plan_motors(btScalar h) {
   for (size_t i = 1; i < articulation.members.size(); ++i) {
     const AmbConstraint &joint = *articulation.members[i].joint;
     const ArticulationDynamics::Link &link = articulation.dynamics.links[i - 1];
-    if (link.freedoms() == 1) plan_motor(joint, link.coordinate, h);
+    if (link.freedoms() != 1) continue;
+    plan_motor(joint, link.coordinate, h);
+    const btScalar friction = joint.motor.friction * h;
+    if (friction > 0) add_feedforward_row({link.coordinate, 0, 0, -friction, friction, friction_of(link.coordinate)}, h);
   }
   // Positions are corrected by contacts and external constraints; limits of other coordinates do so in rare cases.
   const bool is_corrected = articulation.has_contact || articulation.external_constraint_count > 0;
@@ -290,6 +302,7 @@ void JointRows::plan_limits(btScalar h) {
     if (joint.kind == Kind::ConeTwist || joint.kind == Kind::SixDof) plan_limits_of(joint, i, h);
     if (link.freedoms() != 1) continue;
     const bool is_hinge = joint.kind == Kind::Hinge;
+    plan_largest_rate(joint.motor, link.coordinate, is_hinge);
     plan_limit(link.coordinate, joint.motor.low, joint.motor.high, is_hinge, is_hinge ? HINGE_BOUNCE : 0, 0, h);
   }
   for (size_t i = 0; i < articulation.springs.size(); ++i) {
@@ -314,7 +327,7 @@ bool JointRows::hit_limit() const {
   // An impulse that was fed forward held the joint during the free motion, too.
   constexpr btScalar UNSTEADY = 0.1;
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source >= 0) continue;
+    if (planned[i].source != LIMIT) continue;
     const btScalar held = planned[i].member > 0 ? 0 : held_by_limits[planned[i].coordinate];
     if (btFabs(m_data[i] - held) > UNSTEADY * btFabs(held)) return true;
   }
@@ -324,7 +337,7 @@ bool JointRows::hit_limit() const {
 bool JointRows::hit_sliding_limit(size_t member) const {
   const ArticulationDynamics::Link &link = articulation.dynamics.links[member - 1];
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source >= 0 || planned[i].is_angle || m_data[i] == 0) continue;
+    if (planned[i].source != LIMIT || planned[i].is_angle || m_data[i] == 0) continue;
     const int k = planned[i].coordinate - link.coordinate;
     if (planned[i].member > 0 ? planned[i].member == member : k >= 0 && k < link.sliding) return true;
   }

@@ -133,6 +133,28 @@ fn an_actuator_holds_a_body_where_it_is_until_it_lets_go() {
 }
 
 #[test]
+fn an_actuator_holds_what_lists_and_topics_call_a_body() {
+    for name in ["Box", "BODY Box", "/ambf/env/Box", "env/Box"] {
+        let mut bench = hand();
+        assert_eq!(bench.0.command_actuator(ActuatorId::new(0), &by_name(name)), None, "{name}");
+        assert!(bench.0.scene().actuators[ActuatorId::new(0)].is_actuated(), "{name}");
+    }
+    let mut bench = hand();
+    bench.steps(1);
+    let by_sensor = ActuatorCommand {
+        actuate: true,
+        use_sensor_data: true,
+        sensor_identifier: "/ambf/env/eye".into(),
+        ..Default::default()
+    };
+    assert_eq!(bench.0.command_actuator(ActuatorId::new(0), &by_sensor), None);
+    assert!(bench.0.scene().actuators[ActuatorId::new(0)].is_actuated());
+    // The end of a word is no name.
+    let mut bench = hand();
+    assert!(bench.0.command_actuator(ActuatorId::new(0), &by_name("v/Box")).is_some());
+}
+
+#[test]
 fn an_offset_says_where_the_body_is_held() {
     let mut bench = hand();
     let offset = ActuatorCommand {
