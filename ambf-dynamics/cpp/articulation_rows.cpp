@@ -89,10 +89,12 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
   }
 }
 
-// What exceeds the largest rate without a row is brought back to it.
+// What would exceed the largest rate is brought back to it.
 void JointRows::plan_largest_rate(const SoftMotor &motor, int coordinate, bool is_angle) {
   const btScalar rate = articulation.free_rate.q[coordinate];
-  if (!motor.bounds_rate() || btFabs(rate) <= motor.max_rate) return;
+  // The rows of other joints may still speed up what is slower than that after the free motion.
+  constexpr btScalar NEAR = 0.5;
+  if (!motor.bounds_rate() || btFabs(rate) <= NEAR * motor.max_rate) return;
   const btScalar side = rate > 0 ? 1 : -1, infinity = BT_LARGE_FLOAT;
   planned.push_back({coordinate, side * motor.max_rate, 0, side > 0 ? -infinity : 0, side > 0 ? 0 : infinity, LARGEST_RATE, 0, 0,
                      is_angle});

@@ -12,7 +12,7 @@ namespace {
 
 // The rows of the motor and of what resists it come after the rows of Bullet.
 void add_rows(SoftMotor &motor, btTypedConstraint::btConstraintInfo1 &info) {
-  motor.rows.count = motor.enabled + (motor.damping > 0) + (motor.friction > 0) + motor.bounds_rate();
+  motor.rows.count = motor.enabled + (motor.damping > 0) + (motor.friction > 0) + (motor.bounds_rate() ? 2 : 0);
   if (motor.rows.count == 0) return;
   motor.rows.first = info.m_numConstraintRows;
   info.m_numConstraintRows += motor.rows.count;
@@ -31,11 +31,9 @@ void respect_limits(ConstraintRow &row, const SoftMotor &motor, btScalar at, btS
   if (row.target > 0) row.target = btMin(row.target, btMax((motor.high - at) * per_second, btScalar(0)));
 }
 
-// Writes these rows. `set_axis` writes the Jacobian of the coordinate to a row; at: coordinate, rad or m; rate_ahead: its rate if
-// only the forces on both bodies acted on them in this sub-step, rad/s or m/s.
+// Writes these rows. `set_axis` writes the Jacobian of the coordinate to a row; at: coordinate, rad or m.
 template <class SetAxis>
-void write_rows(SoftMotor &motor, btTypedConstraint::btConstraintInfo2 &info, btScalar at, btScalar rate_ahead,
-                SetAxis set_axis) {
+void write_rows(SoftMotor &motor, btTypedConstraint::btConstraintInfo2 &info, btScalar at, SetAxis set_axis) {
   const btScalar h = 1 / info.fps;
   int next = 0;
   const auto new_row = [&](btScalar softness) {
@@ -53,9 +51,8 @@ void write_rows(SoftMotor &motor, btTypedConstraint::btConstraintInfo2 &info, bt
   if (motor.damping > 0) new_row(1 / (h * motor.damping)).set(0, -BT_LARGE_FLOAT, BT_LARGE_FLOAT);
   if (motor.friction > 0) new_row(0).set(0, -motor.friction * h, motor.friction * h);
   if (motor.bounds_rate()) {
-    const bool is_backwards = rate_ahead < 0;
-    const btScalar low = is_backwards ? 0 : -BT_LARGE_FLOAT, high = is_backwards ? BT_LARGE_FLOAT : 0;
-    new_row(0).set(is_backwards ? -motor.max_rate : motor.max_rate, low, high);
+    new_row(0).set(motor.max_rate, -BT_LARGE_FLOAT, 0);
+    new_row(0).set(-motor.max_rate, 0, BT_LARGE_FLOAT);
   }
 }
 
@@ -73,10 +70,7 @@ struct DrivenHinge : WithExactRows<btHingeConstraint> {
     WithExactRows::getInfo2(info);
     if (motor.rows.count == 0) return;
     const btVector3 axis = (m_rbA.getCenterOfMassTransform() * getAFrame()).getBasis().getColumn(2);
-    const btVector3 change = m_rbB.getInvInertiaTensorWorld() * m_rbB.getTotalTorque() -
-                             m_rbA.getInvInertiaTensorWorld() * m_rbA.getTotalTorque();
-    const btScalar at = motor.coordinate_of(getHingeAngle());
-    write_rows(motor, *info, at, rate() + axis.dot(change) / info->fps, [&](ConstraintRow &row) {
+    write_rows(motor, *info, motor.coordinate_of(getHingeAngle()), [&](ConstraintRow &row) {
       write_vector(-axis, row.angular_a);
       write_vector(axis, row.angular_b);
     });
@@ -119,8 +113,7 @@ struct DrivenSlider : WithExactRows<btSliderConstraint> {
     WithExactRows::getInfo2(info);
     if (motor.rows.count == 0) return;
     const Geometry now = geometry();
-    const btVector3 change = m_rbB.getTotalForce() * m_rbB.getInvMass() - m_rbA.getTotalForce() * m_rbA.getInvMass();
-    write_rows(motor, *info, now.position, rate(now) + now.axis.dot(change) / info->fps, [&](ConstraintRow &row) {
+    write_rows(motor, *info, now.position, [&](ConstraintRow &row) {
       write_vector(-now.axis, row.linear_a);
       write_vector(now.axis, row.linear_b);
       write_vector(-now.arm_a.cross(now.axis), row.angular_a);

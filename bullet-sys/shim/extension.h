@@ -203,7 +203,8 @@ struct SoftMotor {
   btScalar coordinate_of(btScalar angle) const {
     const btScalar turn = 2 * SIMD_PI, middle = (low + high) / 2;
     if (low > high || !std::isfinite(middle)) return std::remainder(angle, turn);
-    return angle - turn * std::nearbyint((angle - middle) / turn);
+    const btScalar turns = std::nearbyint((angle - middle) / turn);
+    return turns == 0 ? angle : angle - turn * turns;
   }
 };
 

@@ -339,7 +339,8 @@ impl Joint {
             _ => self.max_motor_impulse,
         };
         if let Some(handle) = self.handle {
-            world.set_motor(handle, enabled, self.possible_rate(velocity), strength);
+            // Not bounded by the largest rate, which the constraint keeps: this motor gives way in proportion to what it misses.
+            world.set_motor(handle, enabled, velocity, strength);
         }
     }
 }

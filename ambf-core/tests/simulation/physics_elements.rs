@@ -88,7 +88,7 @@ fn a_contact_sensor_weighs_what_lies_on_its_parent() {
 fn hand() -> Bench {
     Bench::new(
         HEAVY,
-        "bodies: [BODY Hand, BODY Box, BODY Other]\nactuators: [ACTUATOR grip]\nsensors: [SENSOR eye]\n\
+        "namespace: /ambf/env/\nbodies: [BODY Hand, BODY Box, BODY Other]\nactuators: [ACTUATOR grip]\nsensors: [SENSOR eye]\n\
          BODY Hand: {name: Hand, mass: 0, location: {position: {x: 0, y: 0, z: 1}}}\n\
          BODY Box: {name: Box, mass: 1, location: {position: {x: 0, y: 0, z: 0.7}}, collision shape: Box, \
          collision geometry: {x: 0.1, y: 0.1, z: 0.1}}\n\

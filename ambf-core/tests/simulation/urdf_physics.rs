@@ -151,7 +151,7 @@ fn dry_friction_holds_up_to_its_effort_and_brakes_with_it() {
         // (3 − 2) N·m / 0.1 kg·m² · 0.5 s, less the body's own damping.
         close(spin(&bench), 5.0, 0.15);
         bench.command("world", 0, Effort, 0.0, 150);
-        close(spin(&bench), 2.0, 0.15);
+        close(spin(&bench), 1.85, 0.1);
         bench.command("world", 0, Effort, 0.0, 150);
         close(spin(&bench), 0.0, 1e-6);
     }
