@@ -41,7 +41,8 @@ impl Scene {
         if !self.world.has_articulations() {
             let source =
                 self.joints.iter().find(|joint| models.contains(&joint.model) && needs(joint.model))?.source.clone();
-            let message = "the robot has links without a mass, and its joints stay constraints between bodies: they give way;                            `physics / articulated: true` in the world file, and no soft bodies, let them hold";
+            let message = "the robot has links without a mass, and its joints stay constraints between bodies, which give way: \
+                           reduced coordinates need a world without soft bodies that knows of the robot when it is made";
             return Some(Note { severity: Severity::Warning, source, message: message.into(), wanted: None });
         }
         let models: BTreeSet<_> = models.iter().copied().filter(|&id| self.articulates_all || needs(id)).collect();

@@ -149,6 +149,14 @@ fn a_link_without_mass_on_a_moving_joint() {
     assert_eq!([1, 5].map(|i| inertia(&model, i)), [Some(Vector3::repeat(2000.0)), Some(Vector3::repeat(1000.0))]);
     assert!(problems[0].contains("info: `link x / inertial` is missing (a mass above 0); it moves without: 4.0e-4 kg"));
     assert_eq!(problems.len(), 3, "{problems:#?}");
+    // What is fixed to a link without a mass is carried, too.
+    let text = links(&["world", "x", "frame", "Tip"])
+        + &joint("continuous", "world", "x")
+        + &joint("continuous", "x", "frame")
+        + &joint("fixed", "frame", "Tip");
+    let (model, _) = read(&robot(&text));
+    assert_eq!(names(&model), [("world", 0.0, 0.0), ("x", 2e-4, 1.0), ("Tip", 2.0, 3.0)]);
+    assert!(model.has_massless_links);
     // Where nothing has a mass that of a body without in ADF, and something that can turn.
     let (model, problems) = read(&robot(&(links(&["world", "frame"]) + &joint("continuous", "world", "frame"))));
     assert_eq!(names(&model), [("world", 0.0, 0.0), ("frame", 1.0, 1.0)]);

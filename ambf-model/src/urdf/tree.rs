@@ -143,8 +143,9 @@ impl<'t, 'a> Tree<'t, 'a> {
             let joint = self.leading_to[link].map(|joint| &self.joints[joint]);
             // A floating joint carries nothing.
             let Some(joint) = joint.filter(|joint| joint.kind != Kind::Floating) else { continue };
+            // One joint leads to each body, whose other links hang on the first.
             let (host, parent) = (places[link].host, places[joint.parent].host);
-            if host == link && host != parent {
+            if host != parent {
                 let own = loads[host];
                 loads[parent].mass += own.mass;
                 loads[parent].moment += own.moment;
