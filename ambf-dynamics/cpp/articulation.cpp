@@ -299,6 +299,7 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
   for (size_t i = 1; i < members.size(); ++i) {
     AmbConstraint &joint = *members[i].joint;
     if (joint.kind == Kind::SixDofSpring && dynamics.links[i - 1].coordinate >= 0) add_spring(joint, i - 1, true);
+    if (joint.motor.damping > 0) add_damper(joint, i - 1);
   }
   const JointsByChild by_child = n_parallel > 0 ? joints_by_child(base, joints, n) : JointsByChild();
   for (int i = 0; i < n_parallel; ++i) {
@@ -348,6 +349,18 @@ void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is
   }
   dynamics.springs.push_back(spring);
   springs.push_back({&constraint, link, low, high});
+}
+
+// The damping of a hinge or slider: a spring without stiffness.
+void AmbArticulation::add_damper(AmbConstraint &joint, size_t link) {
+  ArticulationDynamics::Spring damper;
+  damper.coordinate = dynamics.links[link].coordinate;
+  damper.is_angle = joint.kind == Kind::Hinge;
+  damper.damping = joint.motor.damping;
+  damper.stiffness = damper.rest = damper.offset = 0;
+  damper.sign = 1;
+  dynamics.springs.push_back(damper);
+  springs.push_back({&joint, link, 1, -1});
 }
 
 // Classifies springs for a sub-step of h s: soft ones are integrated with the motion, stiff ones become implicit rows,

@@ -37,7 +37,7 @@ struct AmbArticulation {
     std::shared_ptr<LinkDrive> drive;
   };
 
-  // A spring that acts on the coordinate of a joint, or that is the joint itself.
+  // A spring that acts on the coordinate of a joint, or that is the joint itself, or the damping of a joint.
   struct Spring {
     AmbConstraint *constraint;
     size_t link;
@@ -115,6 +115,7 @@ struct AmbArticulation {
   void book_correction(btScalar h);
   void end_account(btScalar h, bool is_straight);
   void add_spring(AmbConstraint &constraint, size_t link, bool is_joint);
+  void add_damper(AmbConstraint &joint, size_t link);
   void choose_springs(btScalar h);
   void follow_base();
   void write_proxies();

@@ -137,9 +137,12 @@ bool ArticulationDynamics::pivot_drives(const Rate &acceleration, bool one_only)
         drive.state = drive.side > 0 ? Drive::State::Low : Drive::State::High;
       }
     } else if (is_free(drive)) {
-      const btScalar slack = ROUNDING * btFabs(drive.impulse);
-      if (drive.impulse > drive.high + slack) drive.state = Drive::State::High;
-      if (drive.impulse < drive.low - slack) drive.state = Drive::State::Low;
+      const btScalar slack = ROUNDING * btFabs(drive.impulse), missed = drive.target - speed;
+      const int given = given_by[k];
+      // Friction that a motor overcomes acts in full.
+      const bool is_overruled = is_rigid(drive) && given != static_cast<int>(i) && !drives[given].is_limit;
+      if (drive.impulse > drive.high + slack || (is_overruled && missed > rounding)) drive.state = Drive::State::High;
+      if (drive.impulse < drive.low - slack || (is_overruled && missed < -rounding)) drive.state = Drive::State::Low;
     } else {
       const btScalar asked = drive.target - speed - drive.softness * bound_of(drive);
       if (drive.state == Drive::State::High ? asked < -rounding : asked > rounding) drive.state = Drive::State::Free;

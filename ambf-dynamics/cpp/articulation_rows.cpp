@@ -29,8 +29,9 @@ JointRows::JointRows(AmbArticulation &owner)
     : EngineRows(owner.multi_body.get(), nullptr, 0, -1, 3 * owner.dynamics.coordinates, false,
                  MULTIBODY_CONSTRAINT_1DOF_JOINT_MOTOR),
       articulation(owner) {
-  // Maximum number of rows: two limits and a motor for each joint, two limits and a force for each spring.
-  m_numRows = 3 * (owner.dynamics.coordinates + static_cast<int>(owner.springs.size()));
+  // Maximum number of rows: two limits, a motor, friction and two largest rates for each joint, two limits and a force for each
+  // spring.
+  m_numRows = 6 * owner.dynamics.coordinates + 3 * static_cast<int>(owner.springs.size());
   m_data.resize(m_numRows);
   reset();
 }
@@ -42,7 +43,7 @@ void JointRows::reset() {
   last_rate.assign(articulation.dynamics.coordinates, 0);
   last_change.assign(articulation.dynamics.coordinates, 0);
   planned.clear();
-  forces.assign(articulation.dynamics.coordinates + articulation.springs.size(), 0);
+  forces.assign(2 * articulation.dynamics.coordinates + articulation.springs.size(), 0);
   limit_impulses.assign(articulation.dynamics.coordinates, 0);
   limit_feedforward.assign(articulation.dynamics.coordinates, 0);
   held_by_limits.assign(articulation.dynamics.coordinates, 0);
@@ -61,7 +62,7 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
   if (low == high) {
     const btScalar target = (low - q) * LIMIT_ERP / h;
     const btScalar bounded = std::max(std::min(target, most), -most);
-    planned.push_back({coordinate, 0, 0, -infinity, infinity, -1, 0, bounded, is_angle, limit_impulses[coordinate]});
+    planned.push_back({coordinate, 0, 0, -infinity, infinity, LIMIT, 0, bounded, is_angle, limit_impulses[coordinate]});
     return;
   }
   for (btScalar side : {1, -1}) {
@@ -76,10 +77,21 @@ void JointRows::plan_limit(int coordinate, btScalar low, btScalar high, bool is_
     btScalar target = gap < 0 ? 0 : -gap / h;
     if (bounce > 0 && gap + h * speed_before < 0) target = std::max(target, -bounce * speed_before);
     const btScalar correction = gap < 0 ? std::min(-gap / h * LIMIT_ERP, most) : -gap / h;
-    planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, 0,
+    planned.push_back({coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, LIMIT, 0,
                        side * correction, is_angle, side * std::max(side * limit_impulses[coordinate], btScalar(0))});
     return;
   }
+}
+
+// What would exceed the largest rate is brought back to it.
+void JointRows::plan_largest_rate(const SoftMotor &motor, int coordinate, bool is_angle) {
+  const btScalar rate = articulation.free_rate.q[coordinate];
+  // The rows of other joints may still speed up what is slower than that after the free motion.
+  constexpr btScalar NEAR = 0.5;
+  if (!motor.bounds_rate() || btFabs(rate) <= NEAR * motor.max_rate) return;
+  const btScalar side = rate > 0 ? 1 : -1, infinity = BT_LARGE_FLOAT;
+  planned.push_back({coordinate, side * motor.max_rate, 0, side > 0 ? -infinity : 0, side > 0 ? 0 : infinity, LARGEST_RATE, 0, 0,
+                     is_angle});
 }
 
 // Limits of a cone-twist or six-dof joint: rows of Bullet's constraint.
@@ -133,7 +145,7 @@ bool JointRows::motor_of(const AmbConstraint &joint, btScalar h, btScalar &targe
   softness = 0;
   if (joint.motor.enabled) {
     target = joint.motor.velocity;
-    softness = joint.motor.rows.softness[0];
+    softness = joint.motor.softness;
     impulse = joint.motor.max_force * h;
   } else if (joint.kind == Kind::Hinge) {
     auto &hinge = static_cast<btHingeConstraint &>(*joint.constraint);
@@ -172,12 +184,11 @@ void JointRows::plan_drive(int coordinate, btScalar target, btScalar softness, b
 
 void JointRows::plan_limit_drive(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar bounce, btScalar h) {
   if (low > high) return;
-  const btScalar infinity = BT_LARGE_FLOAT, q = coordinate_within(coordinate, low, high, is_angle);
-  Vector<ArticulationDynamics::Drive> &drives = articulation.dynamics.drives;
+  const btScalar q = coordinate_within(coordinate, low, high, is_angle);
   if (low == high) {
-    plan_drive(coordinate, 0, 0, -infinity, infinity, -1, is_angle);
-    drives.back().gap = q - low;
-    drives.back().is_limit = true;
+    plan_drive(coordinate, 0, 0, -BT_LARGE_FLOAT, BT_LARGE_FLOAT, LIMIT, is_angle);
+    articulation.dynamics.drives.back().gap = q - low;
+    articulation.dynamics.drives.back().is_limit = true;
     return;
   }
   const btScalar rate = articulation.rate.q[coordinate];
@@ -185,13 +196,19 @@ void JointRows::plan_limit_drive(int coordinate, btScalar low, btScalar high, bo
     const btScalar gap = side * (q - (side > 0 ? low : high)), speed = side * rate;
     btScalar target = gap < 0 ? 0 : -gap / h;
     if (bounce > 0 && gap + h * speed < 0) target = std::max(target, -bounce * speed);
-    plan_drive(coordinate, side * target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, -1, is_angle);
-    ArticulationDynamics::Drive &drive = drives.back();
-    drive.side = side;
-    drive.gap = gap;
-    drive.is_limit = true;
-    drive.state = side > 0 ? ArticulationDynamics::Drive::State::Low : ArticulationDynamics::Drive::State::High;
+    plan_bound(coordinate, side, side * target, gap, LIMIT, is_angle);
   }
+}
+
+// A drive that keeps the rate above (side 1) or below (-1) its target where it has to; see Drive::gap.
+void JointRows::plan_bound(int coordinate, btScalar side, btScalar target, btScalar gap, int source, bool is_angle) {
+  const btScalar infinity = BT_LARGE_FLOAT;
+  plan_drive(coordinate, target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, source, is_angle);
+  ArticulationDynamics::Drive &drive = articulation.dynamics.drives.back();
+  drive.side = side;
+  drive.gap = gap;
+  drive.is_limit = true;
+  drive.state = side > 0 ? ArticulationDynamics::Drive::State::Low : ArticulationDynamics::Drive::State::High;
 }
 
 void JointRows::plan_drives(btScalar h) {
@@ -211,6 +228,12 @@ void JointRows::plan_drives(btScalar h) {
     btScalar target, softness, impulse;
     if (motor_of(joint, h, target, softness, impulse))
       plan_drive(link.coordinate, target, softness, -impulse, impulse, link.coordinate, is_hinge);
+    const btScalar friction = joint.motor.friction * h;
+    if (friction > 0) plan_drive(link.coordinate, 0, 0, -friction, friction, friction_of(link.coordinate), is_hinge);
+    for (const btScalar side : {1, -1}) {
+      if (joint.motor.bounds_rate())
+        plan_bound(link.coordinate, side, -side * joint.motor.max_rate, BT_LARGE_FLOAT, LARGEST_RATE, is_hinge);
+    }
     plan_limit_drive(link.coordinate, joint.motor.low, joint.motor.high, is_hinge, is_hinge ? HINGE_BOUNCE : 0, h);
   }
   for (size_t i = 0; i < articulation.springs.size(); ++i) {
@@ -270,14 +293,14 @@ void JointRows::plan_motors(btScalar h) {
   for (size_t i = 0; i < planned.size(); ++i) {
     if (planned[i].source >= 0) {
       forces[planned[i].source] = (planned[i].feedforward + m_data[i]) / step;
-    } else if (planned[i].member == 0 && m_data[i] != 0) {
+    } else if (planned[i].source == LIMIT && planned[i].member == 0 && m_data[i] != 0) {
       limit_impulses[planned[i].coordinate] = m_data[i];
     }
   }
   // What presses a joint against its limit is part of the free motion, which would turn the joint beyond it.
   std::fill(held_by_limits.begin(), held_by_limits.end(), 0);
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source >= 0 || planned[i].member > 0 || m_data[i] == 0) continue;
+    if (planned[i].source != LIMIT || planned[i].member > 0 || m_data[i] == 0) continue;
     const int k = planned[i].coordinate;
     // A motor may press a joint with a million times the force that moves it: the force of the limit is subtracted from it.
     const auto drives = [&](const Row &row) {
@@ -302,7 +325,10 @@ void JointRows::plan_motors(btScalar h) {
   for (size_t i = 1; i < articulation.members.size(); ++i) {
     const AmbConstraint &joint = *articulation.members[i].joint;
     const ArticulationDynamics::Link &link = articulation.dynamics.links[i - 1];
-    if (link.freedoms() == 1) plan_motor(joint, link.coordinate, h);
+    if (link.freedoms() != 1) continue;
+    plan_motor(joint, link.coordinate, h);
+    const btScalar friction = joint.motor.friction * h;
+    if (friction > 0) add_feedforward_row({link.coordinate, 0, 0, -friction, friction, friction_of(link.coordinate)}, h);
   }
   // Positions are corrected by contacts and external constraints; limits of other coordinates do so in rare cases.
   const bool is_corrected = articulation.has_contact || articulation.external_constraint_count > 0;
@@ -379,6 +405,7 @@ void JointRows::plan_limits(btScalar h) {
     if (joint.kind == Kind::ConeTwist || joint.kind == Kind::SixDof) plan_limits_of(joint, i, h);
     if (link.freedoms() != 1) continue;
     const bool is_hinge = joint.kind == Kind::Hinge;
+    plan_largest_rate(joint.motor, link.coordinate, is_hinge);
     plan_limit(link.coordinate, joint.motor.low, joint.motor.high, is_hinge, is_hinge ? HINGE_BOUNCE : 0, 0, h);
   }
   for (size_t i = 0; i < articulation.springs.size(); ++i) {
@@ -403,7 +430,7 @@ bool JointRows::hit_limit() const {
   // An impulse that was fed forward held the joint during the free motion, too.
   constexpr btScalar UNSTEADY = 0.1;
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source >= 0) continue;
+    if (planned[i].source != LIMIT) continue;
     const btScalar held = planned[i].member > 0 ? 0 : held_by_limits[planned[i].coordinate];
     if (btFabs(m_data[i] - held) > UNSTEADY * btFabs(held)) return true;
   }
@@ -413,7 +440,7 @@ bool JointRows::hit_limit() const {
 bool JointRows::hit_sliding_limit(size_t member) const {
   const ArticulationDynamics::Link &link = articulation.dynamics.links[member - 1];
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source >= 0 || planned[i].is_angle || m_data[i] == 0) continue;
+    if (planned[i].source != LIMIT || planned[i].is_angle || m_data[i] == 0) continue;
     const int k = planned[i].coordinate - link.coordinate;
     if (planned[i].member > 0 ? planned[i].member == member : k >= 0 && k < link.sliding) return true;
   }

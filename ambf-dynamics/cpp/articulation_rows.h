@@ -6,7 +6,7 @@
 
 #include "articulation_solver.h"
 
-// Limits, motors and stiff springs of all joints of an articulation.
+// Limits, motors, stiff springs and dampers, dry friction and largest rates of all joints of an articulation.
 //
 // The forces of motors and stiff springs in the last sub-step are fed forward as generalised forces in the free motion
 // over the next one, and their rows solve for the change only (second order in h). An impulse alone would act at the
@@ -23,8 +23,10 @@ class JointRows : public EngineRows {
   // motion, and keeps what they did in the sub-step. There are no rows then.
   void plan_drives(btScalar h);
   void take_drives();
-  bool is_geometric(int row) const override { return planned[row].source < 0; }
-  bool is_spring(int row) const override { return planned[row].source >= articulation.dynamics.coordinates; }
+  bool is_geometric(int row) const override { return planned[row].source == LIMIT; }
+  bool is_spring(int row) const override {
+    return planned[row].source >= articulation.dynamics.coordinates && planned[row].source < friction_of(0);
+  }
   btScalar bias(int row) const override { return planned[row].target; }
   btScalar guess(int row) const override { return planned[row].guess; }
   btScalar fed(int row) const override { return planned[row].feedforward; }
@@ -60,13 +62,16 @@ class JointRows : public EngineRows {
   void debugDraw(btIDebugDraw *) override {}
 
  private:
+  // Sources of rows that are no forces of motors, springs and friction.
+  static constexpr int LIMIT = -1, LARGEST_RATE = -2;
+
   struct Row {
     int coordinate;
     btScalar target;     // rate, rad/s or m/s
     btScalar softness;   // change of rate per impulse
     btScalar low, high;  // bounds of the impulse
-    // Motor: its coordinate; stiff spring: the number of coordinates plus the index of the spring; limit: -1.
-    int source = -1;
+    // Motor: its coordinate; stiff spring: the number of coordinates plus the index of the spring; friction: see friction_of.
+    int source = LIMIT;
     // Impulse of the fed-forward force, which is part of the free motion.
     btScalar feedforward = 0;
     // Pseudo-velocity that corrects the position error, rad/s or m/s.
@@ -84,11 +89,17 @@ class JointRows : public EngineRows {
   // held it, rad/s or m/s.
   void plan_limit(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar bounce, btScalar driven,
                   btScalar h);
+  void plan_largest_rate(const SoftMotor &motor, int coordinate, bool is_angle);
+  // Source of the friction on a coordinate: those of friction follow those of springs.
+  int friction_of(int coordinate) const {
+    return articulation.dynamics.coordinates + static_cast<int>(articulation.springs.size()) + coordinate;
+  }
   // Rate without a force of the spring at the end of the sub-step, rad/s or m/s.
   btScalar target_of(const ArticulationDynamics::Spring &spring, btScalar h) const;
   void plan_limits_of(AmbConstraint &joint, size_t member, btScalar h);
   void plan_drive(int coordinate, btScalar target, btScalar softness, btScalar low, btScalar high, int source, bool is_angle);
   void plan_limit_drive(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar bounce, btScalar h);
+  void plan_bound(int coordinate, btScalar side, btScalar target, btScalar gap, int source, bool is_angle);
   btScalar coordinate_within(int coordinate, btScalar low, btScalar high, bool is_angle) const;
   void remember_rates(btScalar h);
   bool motor_of(const AmbConstraint &joint, btScalar h, btScalar &target, btScalar &softness, btScalar &impulse) const;

@@ -10,12 +10,13 @@
 
 namespace {
 
-// The row of the motor comes after the rows of Bullet.
-void add_row(SoftMotor &motor, btTypedConstraint::btConstraintInfo1 &info) {
-  motor.rows.count = motor.enabled ? 1 : 0;
-  if (!motor.enabled) return;
-  motor.rows.first = info.m_numConstraintRows++;
-  --info.nub;
+// The rows of the motor and of what resists it come after the rows of Bullet.
+void add_rows(SoftMotor &motor, btTypedConstraint::btConstraintInfo1 &info) {
+  motor.rows.count = motor.enabled + (motor.damping > 0) + (motor.friction > 0) + (motor.bounds_rate() ? 2 : 0);
+  if (motor.rows.count == 0) return;
+  motor.rows.first = info.m_numConstraintRows;
+  info.m_numConstraintRows += motor.rows.count;
+  info.nub -= motor.rows.count;
 }
 
 // Removes the motor's impulse towards a limit that is reached or violated, and bounds the target of a motor without
@@ -24,10 +25,35 @@ void respect_limits(ConstraintRow &row, const SoftMotor &motor, btScalar at, btS
   if (motor.low > motor.high) return;
   if (at <= motor.low) row.lower = 0;
   if (at >= motor.high) row.upper = 0;
-  if (motor.rows.softness[0] > 0) return;
+  if (motor.softness > 0) return;
   // The target is never reversed: Bullet's limit row corrects a violation.
   if (row.target < 0) row.target = btMax(row.target, btMin((motor.low - at) * per_second, btScalar(0)));
   if (row.target > 0) row.target = btMin(row.target, btMax((motor.high - at) * per_second, btScalar(0)));
+}
+
+// Writes these rows. `set_axis` writes the Jacobian of the coordinate to a row; at: coordinate, rad or m.
+template <class SetAxis>
+void write_rows(SoftMotor &motor, btTypedConstraint::btConstraintInfo2 &info, btScalar at, SetAxis set_axis) {
+  const btScalar h = 1 / info.fps;
+  int next = 0;
+  const auto new_row = [&](btScalar softness) {
+    ConstraintRow row(info, motor.rows.first + next);
+    motor.rows.softness[next++] = softness;
+    set_axis(row);
+    return row;
+  };
+  if (motor.enabled) {
+    ConstraintRow row = new_row(motor.softness);
+    row.set_motor(motor, h);
+    respect_limits(row, motor, at, info.fps);
+  }
+  // The impulse -h * damping * rate with the rate at the end of the sub-step: no damping is too strong.
+  if (motor.damping > 0) new_row(1 / (h * motor.damping)).set(0, -BT_LARGE_FLOAT, BT_LARGE_FLOAT);
+  if (motor.friction > 0) new_row(0).set(0, -motor.friction * h, motor.friction * h);
+  if (motor.bounds_rate()) {
+    new_row(0).set(motor.max_rate, -BT_LARGE_FLOAT, 0);
+    new_row(0).set(-motor.max_rate, 0, BT_LARGE_FLOAT);
+  }
 }
 
 struct DrivenHinge : WithExactRows<btHingeConstraint> {
@@ -37,18 +63,17 @@ struct DrivenHinge : WithExactRows<btHingeConstraint> {
 
   void getInfo1(btConstraintInfo1 *info) override {
     WithExactRows::getInfo1(info);
-    add_row(motor, *info);
+    add_rows(motor, *info);
   }
 
   void getInfo2(btConstraintInfo2 *info) override {
     WithExactRows::getInfo2(info);
     if (motor.rows.count == 0) return;
-    ConstraintRow row(*info, motor.rows.first);
     const btVector3 axis = (m_rbA.getCenterOfMassTransform() * getAFrame()).getBasis().getColumn(2);
-    write_vector(-axis, row.angular_a);
-    write_vector(axis, row.angular_b);
-    row.set_motor(motor, 1 / info->fps);
-    respect_limits(row, motor, getHingeAngle(), info->fps);
+    write_rows(motor, *info, motor.coordinate_of(getHingeAngle()), [&](ConstraintRow &row) {
+      write_vector(-axis, row.angular_a);
+      write_vector(axis, row.angular_b);
+    });
   }
 
   btScalar rate() {
@@ -81,20 +106,19 @@ struct DrivenSlider : WithExactRows<btSliderConstraint> {
 
   void getInfo1(btConstraintInfo1 *info) override {
     WithExactRows::getInfo1(info);
-    add_row(motor, *info);
+    add_rows(motor, *info);
   }
 
   void getInfo2(btConstraintInfo2 *info) override {
     WithExactRows::getInfo2(info);
     if (motor.rows.count == 0) return;
-    ConstraintRow row(*info, motor.rows.first);
     const Geometry now = geometry();
-    write_vector(-now.axis, row.linear_a);
-    write_vector(now.axis, row.linear_b);
-    write_vector(-now.arm_a.cross(now.axis), row.angular_a);
-    write_vector(now.arm_b.cross(now.axis), row.angular_b);
-    row.set_motor(motor, 1 / info->fps);
-    respect_limits(row, motor, now.position, info->fps);
+    write_rows(motor, *info, now.position, [&](ConstraintRow &row) {
+      write_vector(-now.axis, row.linear_a);
+      write_vector(now.axis, row.linear_b);
+      write_vector(-now.arm_a.cross(now.axis), row.angular_a);
+      write_vector(now.arm_b.cross(now.axis), row.angular_b);
+    });
   }
 
   btScalar rate(const Geometry &now) {
@@ -307,7 +331,7 @@ int amb_constraint_set_soft_motor(AmbConstraint *constraint, double velocity, do
   motor.enabled = true;
   motor.velocity = velocity;
   motor.max_force = btMin(max_force, btScalar(BT_LARGE_FLOAT));
-  motor.rows.softness[0] = softness;
+  motor.softness = softness;
   return 1;
 }
 
@@ -315,18 +339,25 @@ void amb_constraint_clear_soft_motor(AmbConstraint *constraint) {
   SoftMotor &motor = constraint->motor;
   if (motor.enabled) activate_bodies(*constraint);
   motor.enabled = false;
-  motor.velocity = motor.max_force = motor.rows.softness[0] = 0;
+  motor.velocity = motor.max_force = motor.softness = 0;
+}
+
+void amb_constraint_set_resistance(AmbConstraint *constraint, double damping, double friction, double max_rate) {
+  if (constraint->kind != Kind::Hinge && constraint->kind != Kind::Slider) return;
+  constraint->motor.damping = damping;
+  constraint->motor.friction = friction;
+  constraint->motor.max_rate = btMin(max_rate, btScalar(BT_LARGE_FLOAT));
 }
 
 int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]) {
   if (constraint->articulation && (constraint->kind == Kind::Hinge || constraint->kind == Kind::Slider)) {
     out[0] = constraint->articulation->coordinate(*constraint, out + 1);
-    if (constraint->kind == Kind::Hinge) out[0] = std::remainder(out[0], 2 * SIMD_PI);
+    if (constraint->kind == Kind::Hinge) out[0] = constraint->motor.coordinate_of(out[0]);
     return 1;
   }
   if (constraint->kind == Kind::Hinge) {
     auto &hinge = static_cast<DrivenHinge &>(*constraint->constraint);
-    out[0] = hinge.getHingeAngle();
+    out[0] = constraint->motor.coordinate_of(hinge.getHingeAngle());
     out[1] = hinge.rate();
   } else if (constraint->kind == Kind::Slider) {
     auto &slider = static_cast<DrivenSlider &>(*constraint->constraint);

@@ -40,6 +40,12 @@ struct ConstraintRow {
     upper = motor.max_force * h;
   }
 
+  void set(btScalar to, btScalar low, btScalar high) {
+    target = to;
+    lower = low;
+    upper = high;
+  }
+
   static btVector3 vector(const btScalar *values) { return btVector3(values[0], values[1], values[2]); }
   bool is_angular() const { return vector(linear_a).isZero(); }
 

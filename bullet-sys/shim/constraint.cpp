@@ -34,10 +34,10 @@ btScalar read(AmbConstraint &c, unsigned char reading) {
   btScalar coordinate;
   if (reading != AmbReading_None && world && world->extension && world->extension->read_coordinate(c, coordinate)) {
     const bool is_angle = reading == AmbReading_HingeAngle || reading == AmbReading_AxisAngle;
-    return is_angle ? std::remainder(coordinate, 2 * SIMD_PI) : coordinate;
+    return is_angle ? c.motor.coordinate_of(coordinate) : coordinate;
   }
   switch (reading) {
-    case AmbReading_HingeAngle: return c.as<btHingeConstraint>().getHingeAngle();
+    case AmbReading_HingeAngle: return c.motor.coordinate_of(c.as<btHingeConstraint>().getHingeAngle());
     case AmbReading_SliderPosition: return c.as<btSliderConstraint>().getLinearPos();
     case AmbReading_AxisDistance:
     case AmbReading_AxisAngle: return axis_reading(c, reading == AmbReading_AxisAngle);

@@ -6,7 +6,7 @@
 /* The scalar that amb_constraints_read writes. */
 enum AmbReading {
   AmbReading_None = 0,           /* 0 */
-  AmbReading_HingeAngle = 1,     /* rad, in [-pi, pi] */
+  AmbReading_HingeAngle = 1,     /* rad, within pi of the middle of the limits, without them of 0 */
   AmbReading_SliderPosition = 2, /* m, as of the last solver pass */
   AmbReading_AxisDistance = 3,   /* m, of frame B's origin along frame A's z axis */
   AmbReading_AxisAngle = 4       /* rad, of frame B about frame A's z axis */

@@ -8,6 +8,7 @@
 #define AMB_EXTENSION_H
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 
@@ -180,16 +181,31 @@ struct SoftRows {
   unsigned beyond_clearance = 0;
 };
 
-// A velocity row that drives a hinge or slider: rate = velocity - softness * impulse, |impulse| <= max_force * h.
+// A velocity row that drives a hinge or slider: rate = velocity - softness * impulse, |impulse| <= max_force * h. And what
+// resists the motion of its coordinate.
 struct SoftMotor {
   bool enabled = false;
   btScalar velocity = 0;
   btScalar max_force = 0;
+  btScalar softness = 0;
+  // Viscous damping, N m s/rad or N s/m; dry friction, N m or N; largest rate, rad/s or m/s.
+  btScalar damping = 0, friction = 0, max_rate = BT_LARGE_FLOAT;
   // Limits of the joint, rad or m, as they were set through the shim: Bullet wraps those of a hinge to [-pi, pi].
   // low > high: no limits.
   btScalar low = 1, high = -1;
-  // Softness of the row, and its index among the rows of the constraint in this sub-step.
+  // The softness of these rows, and their indices among the rows of the constraint in this sub-step.
   SoftRows rows;
+
+  bool bounds_rate() const { return max_rate < BT_LARGE_FLOAT; }
+
+  // The coordinate of a hinge of which the angle is known up to whole turns, rad: in the turn that is nearest to the middle of
+  // its limits, or without limits in [-pi, pi]. An angle that is there already is not changed in its last bit.
+  btScalar coordinate_of(btScalar angle) const {
+    const btScalar turn = 2 * SIMD_PI, middle = (low + high) / 2;
+    if (low > high || !std::isfinite(middle)) return std::remainder(angle, turn);
+    const btScalar turns = std::nearbyint((angle - middle) / turn);
+    return turns == 0 ? angle : angle - turn * turns;
+  }
 };
 
 // Data of the engine for each constraint.

@@ -21,6 +21,17 @@ pub struct SoftMotor {
     pub max_force: f64,
 }
 
+/// What resists the motion of a hinge or slider, as rows of the constraint solver.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Resistance {
+    /// Viscous damping, N·m·s/rad or N·s/m, not negative: effort = −damping · rate.
+    pub damping: f64,
+    /// Dry friction, N·m or N, not negative: the largest effort against the motion.
+    pub friction: f64,
+    /// Largest rate, rad/s or m/s: whatever effort keeps it. Infinite: unbounded.
+    pub max_rate: f64,
+}
+
 /// Rows of the constraint solver that drive the centre of mass of a body, world axes: each component of the velocity is
 /// that of `velocity` less `softness` times its impulse.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,8 +62,17 @@ impl World {
         }
     }
 
-    /// Coordinate of a hinge (rad, in [−π, π]) or slider (m), and its rate, from the present poses and velocities.
-    /// `None` for other constraints.
+    /// Sets what resists the motion of a hinge or slider that is no joint of an [articulation](Self::articulate) yet.
+    pub fn set_resistance(&mut self, handle: ConstraintHandle, resistance: Resistance) {
+        let _arena = self.enter();
+        let Some(raw) = self.raw_constraint(handle) else { return };
+        let Resistance { damping, friction, max_rate } = resistance;
+        // SAFETY: the constraint is alive.
+        unsafe { sys::amb_constraint_set_resistance(raw, damping, friction, max_rate) }
+    }
+
+    /// Coordinate of a hinge (rad, within π of the middle of its limits, without them of 0) or slider (m), and its rate,
+    /// from the present poses and velocities. `None` for other constraints.
     pub fn coordinate(&self, handle: ConstraintHandle) -> Option<(f64, f64)> {
         let _arena = self.enter();
         let mut out = [0.0; 2];

@@ -34,7 +34,7 @@ pub use accurate::AccurateSettings;
 pub use body::{Apart, PlausibleBounds, RigidBody};
 pub use constraint::{Constraint, ConstraintKind, ConstraintParameter, JointWrench, Spring};
 pub use contact::{Contact, ContactLists};
-pub use drive::{BodyDrive, SoftMotor};
+pub use drive::{BodyDrive, Resistance, SoftMotor};
 pub use energy::EnergyLedger;
 pub use kinematics::BodyKinematics;
 pub use ray::{Ray, RayHit, RayTarget};

@@ -108,6 +108,29 @@ impl SceneObject for Actuator {
     }
 }
 
+/// The object that `text` names: by its identifier or a part of it, else by the name of its topics or the last parts of that.
+fn named<I: Id, T>(objects: &Objects<I, T>, text: &str, identity: impl Fn(&T) -> &Identity) -> Option<I> {
+    let identified = objects.names.id(text);
+    if identified.is_some() || text.is_empty() {
+        return identified;
+    }
+    let (whole, ends): (Vec<I>, Vec<I>) = (objects.names.iter())
+        .filter_map(|(_, id)| {
+            let listed = identity(&objects[id]).topic();
+            let before = listed.strip_suffix(text)?;
+            let is_whole_part = before.is_empty() || before.ends_with('/') || text.starts_with('/');
+            is_whole_part.then_some((id, before.is_empty()))
+        })
+        .fold(Default::default(), |(mut whole, mut ends), (id, is_whole)| {
+            if is_whole { &mut whole } else { &mut ends }.push(id);
+            (whole, ends)
+        });
+    match (&whole[..], &ends[..]) {
+        ([only], _) | ([], [only]) => Some(*only),
+        _ => None,
+    }
+}
+
 impl Actuator {
     pub(super) fn new(identity: Identity, info: ActuatorInfo, parent: BodyId, frame: Isometry3<f64>) -> Self {
         Self { identity, info, parent, frame, held: Held::Nothing, complained: false }
@@ -135,7 +158,7 @@ impl Actuator {
             return None;
         }
         if command.use_sensor_data {
-            let Some(sensor) = sensors.names.id(&command.sensor_identifier) else {
+            let Some(sensor) = named(sensors, &command.sensor_identifier, |sensor| &sensor.identity) else {
                 return self.complain(&sensors.names, "sensor", &command.sensor_identifier);
             };
             for sensed in sensors[sensor].sensed(bodies) {
@@ -147,7 +170,7 @@ impl Actuator {
             }
             return None;
         }
-        let Some(body) = bodies.names.id(&command.body_name) else {
+        let Some(body) = named(bodies, &command.body_name, |body| &body.identity) else {
             return self.complain(&bodies.names, "body", &command.body_name);
         };
         let offset = command.use_offset.then(|| {

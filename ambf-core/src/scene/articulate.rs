@@ -37,9 +37,15 @@ impl Scene {
     /// with several axes stays as it is, and so does what has a joint of `open`: reduced coordinates would close it. Says
     /// what was done.
     pub(super) fn articulate(&mut self, models: &BTreeSet<ModelId>, open: &BTreeSet<JointId>) -> Option<Note> {
+        let needs = |id: ModelId| self.models[id].description.has_massless_links;
         if !self.world.has_articulations() {
-            return None;
+            let source =
+                self.joints.iter().find(|joint| models.contains(&joint.model) && needs(joint.model))?.source.clone();
+            let message = "the robot has links without a mass, and its joints stay constraints between bodies, which give way: \
+                           reduced coordinates need a world without soft bodies that knows of the robot when it is made";
+            return Some(Note { severity: Severity::Warning, source, message: message.into(), wanted: None });
         }
+        let models: BTreeSet<_> = models.iter().copied().filter(|&id| self.articulates_all || needs(id)).collect();
         let mut sets = Sets(self.bodies.ids().collect());
         let is_dynamic = |body: &BodyId| self.bodies[*body].mass != 0.0;
         let own = || self.joints.entries().filter(|(_, joint)| models.contains(&joint.model));

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::assemble::Assembly;
 use super::attached::{camera_parameters, camera_pose, first_target, light_rotation, Attached, Camera, Light};
 use super::hulls::CollisionMeshes;
-use super::joint::{constraint, frames, Joint};
+use super::joint::{constraint, frames, resistance, Joint};
 use super::planned::PlannedModel;
 use super::{Found, Identity, ModelInfo, NameMap, Note, ObjectType, Parent, Scene};
 use crate::adf::{self, Severity, SourcePos};
@@ -198,6 +198,9 @@ impl<'a> Builder<'a> {
             self.assembly.add(id, &constraint, joint.assemble);
             let [a, b] = [parent, child].map(|body| self.scene.bodies[body].handle);
             let handle = self.scene.world.add_constraint(a, b, &constraint)?;
+            if let Some(resistance) = resistance(joint) {
+                self.scene.world.set_resistance(handle, resistance);
+            }
             Some((handle, self.scene.world.constraint_index(handle)?))
         });
         let was_full = self.scene.graph.is_full();

@@ -11,12 +11,24 @@ use crate::control::Profile;
 /// to its inverse, and with 1 rounding errors of redundant loops begin to show.
 const ACCURATE_JOINT_ERP: f64 = 0.9;
 
-/// A scene without objects. `may_articulate`: there is no reason against joints in reduced coordinates but the options.
+/// What the models of a scene want of the coordinates of their joints, as far as the options say nothing else.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum JointCoordinates {
+    /// None of them can be reduced.
+    Full,
+    /// Reduced in the profile that does so.
+    ReducedByProfile,
+    /// The same, and reduced in models with links without a mass, whatever the profile: rows between bodies, of which one is ten
+    /// thousand times as heavy as the other, give way.
+    ReducedWhereNeeded,
+}
+
+/// A scene without objects.
 pub(super) fn empty_scene(
     world: Arc<adf::World>,
     options: &SceneOptions,
     has_soft_bodies: bool,
-    may_articulate: bool,
+    joints: JointCoordinates,
     notes: &mut Vec<Note>,
 ) -> Scene {
     let physics = physics(&world, &options.physics, notes);
@@ -30,8 +42,10 @@ pub(super) fn empty_scene(
     let source = &world.common.source;
     let mut warn =
         |message| notes.push(Note { severity: Severity::Warning, source: source.clone(), message, wanted: None });
+    let articulates_all = joints != JointCoordinates::Full
+        && physics.articulated.unwrap_or(profile == Profile::Accurate && solver == Solver::Accurate);
     let may_articulate =
-        may_articulate && physics.articulated.unwrap_or(profile == Profile::Accurate && solver == Solver::Accurate);
+        articulates_all || (joints == JointCoordinates::ReducedWhereNeeded && physics.articulated.is_none());
     if may_articulate && physics.solver.is_some_and(|solver| solver != Solver::Accurate) {
         // Only two of the solvers know rows of trees.
         warn(format!(
@@ -82,6 +96,7 @@ pub(super) fn empty_scene(
         profile,
         preset: physics.preset,
         joint_erp,
+        articulates_all,
         gyroscopic: physics.gyroscopic.unwrap_or_default(),
         ..Scene::empty(bullet, world, options)
     }

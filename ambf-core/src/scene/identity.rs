@@ -51,6 +51,11 @@ impl Identity {
         format!("{}{}", self.name, self.suffix)
     }
 
+    /// Prefix, namespace and name with suffix: what lists of objects call it, and where its topics are.
+    pub fn topic(&self) -> String {
+        format!("{}{}{}", self.namespace, self.name, self.suffix)
+    }
+
     /// The description for clients; `None` for a passive object, and where `kind` has none.
     pub(super) fn object(&self, kind: impl FnOnce() -> Option<ObjectKind>) -> Option<ObjectInfo> {
         let kind = if self.passive { None } else { kind() }?;

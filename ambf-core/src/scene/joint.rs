@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 use super::targets::JointTarget;
 use super::{Bodies, Body};
 use crate::adf::{self, ControllerOutput, JointKind, Limits, SixDofLimits, SourcePos, IMPULSE_STEP};
-use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, ConstraintParameter, Spring, World};
+use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, ConstraintParameter, Resistance, Spring, World};
 use crate::comm::JointCommandType;
 use crate::control::{shortest_angle, JointController, Profile};
 use crate::ids::{BodyId, ModelId};
@@ -123,6 +123,8 @@ pub struct Joint {
     pub enable_motor: bool,
     /// N·m·s or N·s a sub-step of 1 ms.
     pub max_motor_impulse: f64,
+    /// What it loses, and what its drive can do at most.
+    pub drive_train: adf::DriveTrain,
     /// Reactions are estimated.
     pub feedback: bool,
     /// rad or m after the latest iteration.
@@ -171,6 +173,7 @@ impl Joint {
             limits: _,
             enable_motor: _,
             max_motor_impulse: _,
+            drive_train: _,
             feedback: _,
             position,
             velocity,
@@ -220,6 +223,7 @@ impl Joint {
             limits: joint.limits,
             enable_motor: joint.enable_motor,
             max_motor_impulse: joint.max_motor_impulse,
+            drive_train: joint.drive_train,
             feedback: joint.enable_feedback,
             position: 0.0,
             velocity: 0.0,
@@ -303,7 +307,7 @@ impl Joint {
         self.set_motor(world, false, 0.0);
         let (parent, child) = (bodies[self.parent].handle, bodies[self.child].handle);
         let Some(pose) = world.pose(parent) else { return };
-        let along = pose.rotation * self.axis * effort;
+        let along = pose.rotation * self.axis * self.possible_effort(effort);
         let zero = Vector3::zeros();
         if self.joint_type.is_angular() {
             world.apply_wrench(parent, &zero, &-along);
@@ -319,12 +323,23 @@ impl Joint {
         self.set_motor(world, false, 0.0);
     }
 
+    /// The part of an effort, N·m or N, that its drive has.
+    pub(super) fn possible_effort(&self, effort: f64) -> f64 {
+        self.drive_train.max_effort.map_or(effort, |most| effort.clamp(-most, most))
+    }
+
+    /// The part of a wanted rate, rad/s or m/s, that its drive has.
+    pub(super) fn possible_rate(&self, rate: f64) -> f64 {
+        self.drive_train.max_rate.map_or(rate, |most| rate.clamp(-most, most))
+    }
+
     fn set_motor(&self, world: &mut World, enabled: bool, velocity: f64) {
         let strength = match self.joint_type {
             JointType::Prismatic => self.max_motor_impulse / IMPULSE_STEP,
             _ => self.max_motor_impulse,
         };
         if let Some(handle) = self.handle {
+            // Not bounded by the largest rate, which the constraint keeps: this motor gives way in proportion to what it misses.
             world.set_motor(handle, enabled, velocity, strength);
         }
     }
@@ -401,6 +416,13 @@ fn angle_between(u: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
     } else {
         (u.dot(v) / lengths).clamp(-1.0, 1.0).acos()
     }
+}
+
+/// What resists its motion; `None` for joints without a drive, and those that nothing resists.
+pub(super) fn resistance(joint: &adf::Joint) -> Option<Resistance> {
+    let adf::DriveTrain { damping, friction, max_effort: _, max_rate } = joint.drive_train;
+    let resists = JointType::from(&joint.kind).has_motor() && (damping > 0.0 || friction > 0.0 || max_rate.is_some());
+    resists.then(|| Resistance { damping, friction, max_rate: max_rate.unwrap_or(f64::INFINITY) })
 }
 
 /// The Bullet constraint that a joint becomes; `None` for an unknown type.

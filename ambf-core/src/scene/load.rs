@@ -7,7 +7,7 @@ use std::sync::{Arc, LazyLock};
 use super::articulate;
 use super::build::Builder;
 use super::descriptions::{self, SharedModel};
-use super::empty::empty_scene;
+use super::empty::{empty_scene, JointCoordinates};
 use super::hulls::CollisionMeshes;
 use super::planned::{needed_hulls, needed_meshes, PlannedModel};
 use super::progress::{Part, Progress};
@@ -118,7 +118,15 @@ pub fn load_with_progress(files: &SceneFiles, options: &SceneOptions, progress: 
     let has_soft_bodies = all().any(|model| !model.soft_bodies.is_empty());
     let may_articulate = options.may_grow || all().any(articulate::may_articulate);
     let mut notes = Vec::new();
-    let mut scene = empty_scene(world, options, has_soft_bodies, may_articulate, &mut notes);
+    let has_massless_links = all().any(|model| model.has_massless_links);
+    let joints = if !may_articulate {
+        JointCoordinates::Full
+    } else if has_massless_links {
+        JointCoordinates::ReducedWhereNeeded
+    } else {
+        JointCoordinates::ReducedByProfile
+    };
+    let mut scene = empty_scene(world, options, has_soft_bodies, joints, &mut notes);
     let meshes = CollisionMeshes::new();
     let models: Vec<_> = models.into_iter().map(|model| PlannedModel::for_scene(model, &scene)).collect();
     preload(&meshes, &models, progress);

@@ -186,6 +186,8 @@ pub struct Scene {
     pub preset: Option<Preset>,
     /// Share of the position error that every joint corrects in a sub-step; `None`: as the descriptions say.
     pub joint_erp: Option<f64>,
+    /// Joints of all models are put into reduced coordinates; else only those of models with links without a mass.
+    articulates_all: bool,
     /// How the gyroscopic torque is integrated.
     pub gyroscopic: Gyroscopic,
     /// Whether any joint estimates its reactions.
@@ -237,6 +239,7 @@ impl Scene {
             profile: Profile::default(),
             preset: None,
             joint_erp: None,
+            articulates_all: false,
             gyroscopic: Gyroscopic::default(),
             has_feedback: false,
             description,
@@ -289,6 +292,7 @@ impl Scene {
             profile: _,
             preset: _,
             joint_erp: _,
+            articulates_all: _,
             gyroscopic: _,
             description: _,
             options: _,

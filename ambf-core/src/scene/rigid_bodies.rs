@@ -17,6 +17,15 @@ const MIN_INERTIA: f64 = 0.01;
 /// Displacements of collision meshes below this are not worth a line, m.
 const MIN_DISPLACEMENT: f64 = 1e-5;
 
+/// Coefficient of rolling friction of a body of which the file says nothing about it. That of the C++ program is a lever of 10 mm
+/// for a ball of any size, which then lies still on slopes.
+fn default_rolling_friction(profile: Profile) -> f64 {
+    match profile {
+        Profile::Legacy => 0.01,
+        Profile::Accurate => 0.0,
+    }
+}
+
 impl Builder<'_> {
     /// `index`: of the body in the model's list.
     pub(super) fn add_body(&mut self, index: usize, body: &adf::RigidBody, model: &adf::Model) -> Option<BodyId> {
@@ -55,7 +64,7 @@ impl Builder<'_> {
             shape: built.shape,
             pose: initial_pose,
             friction: body.surface.static_friction,
-            rolling_friction: body.surface.rolling_friction,
+            rolling_friction: body.surface.rolling_friction.unwrap_or(default_rolling_friction(self.scene.profile)),
             restitution: body.surface.restitution,
             linear_damping: body.surface.linear_damping,
             angular_damping: body.surface.angular_damping,

@@ -182,6 +182,7 @@ impl Joint {
     }
 
     fn motor(&self, velocity: f64) -> SoftMotor {
+        let velocity = self.possible_rate(velocity);
         SoftMotor { velocity, softness: 0.0, max_force: self.max_motor_impulse / IMPULSE_STEP }
     }
 
@@ -218,8 +219,9 @@ impl Joint {
             row.velocity = row.velocity.max(-most).min(most);
         }
         let drive = if target.has_spring {
-            // As in the C++ program, forces of a controller have no bound.
-            SoftMotor { velocity: row.velocity, softness: row.softness, max_force: f64::INFINITY }
+            // As in the C++ program, forces of a controller have no bound, unless the drive has one.
+            let max_force = self.drive_train.max_effort.unwrap_or(f64::INFINITY);
+            SoftMotor { velocity: row.velocity, softness: row.softness, max_force }
         } else {
             self.motor(row.velocity)
         };
@@ -230,7 +232,7 @@ impl Joint {
     fn push(&mut self, world: &mut World, bodies: &Bodies) {
         let (parent, child) = (bodies[self.parent].handle, bodies[self.child].handle);
         let (Some(pose), Some(child_pose)) = (world.pose(parent), world.pose(child)) else { return };
-        let along = pose.rotation * self.axis * self.target.effort;
+        let along = pose.rotation * self.axis * self.possible_effort(self.target.effort);
         let on_parent = match self.joint_type {
             JointType::Revolute | JointType::TorsionSpring => [Vector3::zeros(), -along],
             JointType::Prismatic | JointType::LinearSpring => {

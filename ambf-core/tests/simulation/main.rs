@@ -33,3 +33,4 @@ mod shared_worlds;
 mod soft_common;
 mod stepper;
 mod urdf;
+mod urdf_physics;

@@ -88,7 +88,7 @@ fn a_contact_sensor_weighs_what_lies_on_its_parent() {
 fn hand() -> Bench {
     Bench::new(
         HEAVY,
-        "bodies: [BODY Hand, BODY Box, BODY Other]\nactuators: [ACTUATOR grip]\nsensors: [SENSOR eye]\n\
+        "namespace: /ambf/env/\nbodies: [BODY Hand, BODY Box, BODY Other]\nactuators: [ACTUATOR grip]\nsensors: [SENSOR eye]\n\
          BODY Hand: {name: Hand, mass: 0, location: {position: {x: 0, y: 0, z: 1}}}\n\
          BODY Box: {name: Box, mass: 1, location: {position: {x: 0, y: 0, z: 0.7}}, collision shape: Box, \
          collision geometry: {x: 0.1, y: 0.1, z: 0.1}}\n\
@@ -130,6 +130,28 @@ fn an_actuator_holds_a_body_where_it_is_until_it_lets_go() {
         bench.steps(300);
         assert!(bench.position("Box").z < 0.4, "it falls");
     }
+}
+
+#[test]
+fn an_actuator_holds_what_lists_and_topics_call_a_body() {
+    for name in ["Box", "BODY Box", "/ambf/env/Box", "env/Box"] {
+        let mut bench = hand();
+        assert_eq!(bench.0.command_actuator(ActuatorId::new(0), &by_name(name)), None, "{name}");
+        assert!(bench.0.scene().actuators[ActuatorId::new(0)].is_actuated(), "{name}");
+    }
+    let mut bench = hand();
+    bench.steps(1);
+    let by_sensor = ActuatorCommand {
+        actuate: true,
+        use_sensor_data: true,
+        sensor_identifier: "/ambf/env/eye".into(),
+        ..Default::default()
+    };
+    assert_eq!(bench.0.command_actuator(ActuatorId::new(0), &by_sensor), None);
+    assert!(bench.0.scene().actuators[ActuatorId::new(0)].is_actuated());
+    // The end of a word is no name.
+    let mut bench = hand();
+    assert!(bench.0.command_actuator(ActuatorId::new(0), &by_name("v/Box")).is_some());
 }
 
 #[test]

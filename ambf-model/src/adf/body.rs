@@ -57,8 +57,9 @@ pub struct RigidBody {
 pub struct Surface {
     /// Coefficient of sliding friction. Default: 0.5.
     pub static_friction: f64,
-    /// Coefficient of rolling friction. Default: 0.01.
-    pub rolling_friction: f64,
+    /// Coefficient of rolling friction: a lever, m, at which a ball of any size resists to roll. `None`, not given: 0.01 in
+    /// the legacy profile, as in the C++ program, 0 in the accurate one.
+    pub rolling_friction: Option<f64>,
     /// Bullet's linear damping of the body: share of velocity lost in 1 s. Default: 0.04.
     pub linear_damping: f64,
     /// Bullet's angular damping of the body: share of angular velocity lost in 1 s. Default: 0.1.
@@ -71,7 +72,7 @@ impl Default for Surface {
     fn default() -> Self {
         Self {
             static_friction: 0.5,
-            rolling_friction: 0.01,
+            rolling_friction: None,
             linear_damping: 0.04,
             angular_damping: 0.1,
             restitution: 0.1,
@@ -139,17 +140,18 @@ impl Surface {
     fn read(map: &Map<'_>) -> Self {
         let default = Self::default();
         let (friction, damping) = (map.map("friction"), map.map("damping"));
-        let coefficient = |map: &Map<'_>, key, default| {
-            let value = map.real(key).unwrap_or(default);
-            if value < 0.0 {
+        let written = |map: &Map<'_>, key| {
+            let value = map.real(key);
+            if value.is_some_and(|value| value < 0.0) {
                 let action = "it is used as it is";
                 map.warn(ProblemKind::OutOfRange, key, "at least 0", action);
             }
             value
         };
+        let coefficient = |map: &Map<'_>, key, default| written(map, key).unwrap_or(default);
         let surface = Self {
             static_friction: coefficient(&friction, "static", default.static_friction),
-            rolling_friction: coefficient(&friction, "rolling", default.rolling_friction),
+            rolling_friction: written(&friction, "rolling"),
             linear_damping: coefficient(&damping, "linear", default.linear_damping),
             angular_damping: coefficient(&damping, "angular", default.angular_damping),
             restitution: coefficient(map, "restitution", default.restitution),

@@ -63,6 +63,23 @@ pub struct Joint {
     pub assemble: bool,
     /// Joint controller. Default output: force with key `controller`, velocity without it.
     pub controller: Controller,
+    /// What a hinge or slider loses, and what its drive can do at most. Default, and in every ADF file: nothing is lost or
+    /// bounded.
+    pub drive_train: DriveTrain,
+}
+
+/// What a hinge or slider loses, and what its drive can do at most.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DriveTrain {
+    /// Viscous damping, N·m·s/rad or N·s/m, not negative: effort = −damping · rate. Default: 0.
+    pub damping: f64,
+    /// Dry friction, N·m or N, not negative: the largest effort that holds the joint, and the effort against its motion.
+    /// Default: 0.
+    pub friction: f64,
+    /// Largest effort of commands and controllers, N·m or N, above 0; `None`: unbounded.
+    pub max_effort: Option<f64>,
+    /// Largest rate, whatever drives the joint, rad/s or m/s, above 0; `None`: unbounded.
+    pub max_rate: Option<f64>,
 }
 
 /// Range of a one-dof joint, rad or m. `low` may exceed `high`.
@@ -217,6 +234,7 @@ impl Joint {
             ignore_inter_collision: map.boolean("ignore inter-collision").unwrap_or(true),
             assemble: map.boolean("assemble").unwrap_or(true),
             controller,
+            drive_train: DriveTrain::default(),
             kind,
         };
         if !matches!(joint.kind, JointKind::PointToPoint | JointKind::Unknown(_)) {

@@ -50,7 +50,9 @@ pub use geometry::{
     Visual, VisualGeometry, VisualPart,
 };
 pub use ghost::GhostObject;
-pub use joint::{ConeTwistLimits, Joint, JointKind, Limits, LinearAngular, SixDofLimits, SixDofSpring, IMPULSE_STEP};
+pub use joint::{
+    ConeTwistLimits, DriveTrain, Joint, JointKind, Limits, LinearAngular, SixDofLimits, SixDofSpring, IMPULSE_STEP,
+};
 pub use launch::Launch;
 pub use light::{Attenuation, Light};
 pub use model::{Model, ObjectType};

@@ -120,6 +120,9 @@ pub struct Model {
     pub volumes: Vec<Volume>,
     /// No collision between any two rigid bodies of the model. Default: `false`.
     pub ignore_inter_collision: bool,
+    /// Links without a mass carry others between joints: only joints in reduced coordinates hold there in every profile. Never
+    /// in ADF files.
+    pub has_massless_links: bool,
     /// Gravity of the model's rigid bodies that have no own, m/s²; `None`: the world's.
     pub gravity: Option<Vector3<f64>>,
     /// Shaders of the model's objects that have no own.
@@ -153,6 +156,7 @@ impl Model {
             volumes: ObjectType::Volume
                 .read(root, Absent::Made("an empty one is made"), |map| Volume::read(map, &base)),
             ignore_inter_collision: root.boolean("ignore inter-collision").unwrap_or(false),
+            has_massless_links: false,
             gravity: root.vector("gravity"),
             shaders: root.shaders("shaders"),
             plugins: root.plugins("plugins"),
@@ -181,6 +185,7 @@ impl Model {
             lights: vec![],
             volumes: vec![],
             ignore_inter_collision: false,
+            has_massless_links: false,
             gravity: None,
             shaders: None,
             plugins: vec![],

@@ -4,16 +4,21 @@ use std::collections::HashSet;
 
 use nalgebra::{Isometry3, Vector3};
 
+use super::inertia::Inertial;
 use super::joint::Joint;
 use super::link::Link;
 use super::tree::Place;
 use crate::adf::{
     CollisionGeometry, CollisionMeshKind, Common, Controller, Joint as AdfJoint, Part, ProblemKind, RigidBody,
-    SourcePos, Surface, Visual, VisualGeometry, VisualPart,
+    Severity, SourcePos, Surface, Visual, VisualGeometry, VisualPart,
 };
 
-/// Mass of a link without one on a joint that moves, kg, and of a body without, in ADF.
+/// Mass of a link that moves, kg, where neither what it carries nor what it hangs on has one, and of a body without, in ADF.
 const MASS: f64 = 1.0;
+
+/// Mass and moments of inertia of a link without a mass as a share of what it carries: too little to count, and enough to divide
+/// by.
+const MASSLESS: f64 = 1e-4;
 
 /// Radius of the solid sphere whose inertia a link gets that has neither a usable one nor a collision shape, m.
 const RADIUS: f64 = 0.1;
@@ -57,18 +62,14 @@ struct Shapes {
 fn body(link: &Link<'_>, place: &Place, shapes: Shapes, namespace: &str) -> RigidBody {
     let Shapes { collisions: parts, visuals, self_collision } = shapes;
     let inertial = link.inertial.as_ref();
-    let mass = match inertial {
-        _ if place.is_static => 0.0,
-        Some(inertial) => inertial.mass,
-        None => {
-            let action = format!("it has {MASS} kg, since it can move");
-            link.element.warn(ProblemKind::Absent, "inertial", "", "a mass above 0", &action);
-            MASS
-        }
+    let (mass, moments) = match inertial {
+        _ if place.is_static => (0.0, None),
+        Some(Inertial { mass, moments, .. }) => (*mass, *moments),
+        None => massless(link, place),
     };
-    let sphere = parts.is_empty().then(|| Vector3::repeat(0.4 * mass * RADIUS * RADIUS));
+    let sphere = parts.is_empty().then(|| solid_sphere(mass));
     // Bullet's joints would give way to the inertia of what has no mass.
-    let moments = inertial.and_then(|inertial| inertial.moments).or(sphere).filter(|_| !place.is_static);
+    let moments = moments.or(sphere).filter(|_| !place.is_static);
     // A hull is quick and robust where things move; what stands still may well be a room or a table.
     let kind = if place.is_static { CollisionMeshKind::ConcaveMesh } else { CollisionMeshKind::ConvexHull };
     let collision = if parts.is_empty() { CollisionGeometry::None } else { CollisionGeometry::Parts { parts, kind } };
@@ -92,12 +93,32 @@ fn body(link: &Link<'_>, place: &Place, shapes: Shapes, namespace: &str) -> Rigi
         collision_groups: vec![],
         self_collision,
         continuous_collision: None,
-        surface: Surface::default(),
+        // The format has no rolling friction.
+        surface: Surface { rolling_friction: Some(0.0), ..Surface::default() },
         controller: None,
         publish_children_names: false,
         publish_joint_names: true,
         publish_joint_positions: true,
     }
+}
+
+/// Moments of the solid sphere of the radius [`RADIUS`] that stands for a body without a shape, kg·m².
+fn solid_sphere(mass: f64) -> Vector3<f64> {
+    Vector3::repeat(0.4 * mass * RADIUS * RADIUS)
+}
+
+/// Mass, kg, and principal moments, kg·m², of a link without a mass that moves.
+fn massless(link: &Link<'_>, place: &Place) -> (f64, Option<Vector3<f64>>) {
+    let Some(load) = place.load else {
+        let action = format!("it has {MASS} kg, since it can move, and what it carries and hangs on has no mass");
+        link.element.warn(ProblemKind::Absent, "inertial", "", "a mass above 0", &action);
+        return (MASS, None);
+    };
+    let mass = MASSLESS * load.mass;
+    let action = format!("it moves without: {mass:.1e} kg stand for nothing");
+    link.element.problem(Severity::Info, ProblemKind::Absent, "inertial", "", "a mass above 0", &action);
+    // Without moments of what it carries they are estimated, as those are.
+    (mass, (load.moment > 0.0).then(|| Vector3::repeat(MASSLESS * load.moment)))
 }
 
 /// The joints between different bodies, in file order.
@@ -128,6 +149,7 @@ pub(super) fn joints(links: &[String], places: &[Place], joints: &[Joint<'_>], n
                 enable_motor: true,
                 enable_feedback: false,
                 max_motor_impulse: joint.motor_impulse(),
+                drive_train: joint.drive_train,
                 damping: 0.0,
                 stiffness: 0.0,
                 equilibrium_point: None,

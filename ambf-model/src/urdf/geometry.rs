@@ -1,5 +1,6 @@
 //! What is drawn and what collides of a link.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -156,8 +157,8 @@ fn mesh(shape: &Element<'_>, packages: &Packages, severity: Severity, left_out: 
 fn mesh_path(filename: &str, urdf: &Path, packages: &Packages) -> Result<PathBuf, String> {
     if let Some(rest) = filename.strip_prefix("package://") {
         // Some tools write a third slash.
-        let rest = rest.trim_start_matches('/');
-        let (name, inside) = rest.split_once('/').unwrap_or((rest, ""));
+        let rest = decoded(rest.trim_start_matches('/'));
+        let (name, inside) = rest.split_once('/').unwrap_or((&rest, ""));
         let folder = packages.find(name);
         return folder.map(|folder| folder.join(inside.trim_start_matches('/'))).ok_or_else(|| {
             "a package in a folder above the file or below one in ROS_PACKAGE_PATH, which should name its workspace"
@@ -166,12 +167,36 @@ fn mesh_path(filename: &str, urdf: &Path, packages: &Packages) -> Result<PathBuf
     }
     if let Some(rest) = filename.strip_prefix("file:") {
         let rest = rest.strip_prefix("//").unwrap_or(rest);
-        return Ok(beside(urdf, rest));
+        return Ok(beside(urdf, &decoded(rest)));
     }
     if filename.is_empty() || filename.contains("://") {
         return Err("package://name/path, file:///path, or a path relative to the file".into());
     }
     Ok(beside(urdf, filename))
+}
+
+/// The rest of a URI with each `%` and two hexadecimal digits replaced by the byte that they stand for, as RFC 3986, 2.1, says. A
+/// text that would not be UTF-8 then stays as it is, and so does a `%` without digits.
+fn decoded(text: &str) -> Cow<'_, str> {
+    if !text.contains('%') {
+        return Cow::Borrowed(text);
+    }
+    let bytes = text.as_bytes();
+    let digit = |at: usize| bytes.get(at).and_then(|byte| char::from(*byte).to_digit(16));
+    let (mut out, mut at) = (Vec::with_capacity(bytes.len()), 0);
+    while let Some(&byte) = bytes.get(at) {
+        match (byte, digit(at + 1), digit(at + 2)) {
+            (b'%', Some(high), Some(low)) => {
+                out.push((16 * high + low) as u8);
+                at += 3;
+            }
+            _ => {
+                out.push(byte);
+                at += 1;
+            }
+        }
+    }
+    String::from_utf8(out).map_or(Cow::Borrowed(text), Cow::Owned)
 }
 
 fn beside(urdf: &Path, path: &str) -> PathBuf {
@@ -226,6 +251,10 @@ mod tests {
         assert_eq!(path("/m.stl"), Ok("/m.stl".into()));
         assert_eq!(path("file:///m.stl"), Ok("/m.stl".into()));
         assert_eq!(path("file:/m.stl"), Ok("/m.stl".into()));
+        assert_eq!(path("file:///a%20b/%c3%a9%2F.stl"), Ok("/a b/é/.stl".into()));
+        assert_eq!(path("file:///a%2/%zz%"), Ok("/a%2/%zz%".into()), "no digits");
+        assert_eq!(path("file:///a%ff"), Ok("/a%ff".into()), "no UTF-8");
+        assert_eq!(path("a%20b.stl"), Ok("dir/a%20b.stl".into()), "a path is no URI");
         assert!(path("package://p/m.stl").unwrap_err().contains("ROS_PACKAGE_PATH"));
         assert!(path("http://host/m.stl").is_err() && path("").is_err());
     }

@@ -59,6 +59,9 @@ const ESTIMATED: &str = "it is estimated from the collision shapes";
 /// Moments smaller than this share of the largest are 0, and so are all below the square of it, kg·m².
 const NOTHING: f64 = 1e-12;
 
+/// What stands for a moment of 0, as a share of the largest: that of a rod about its axis whose length is 13 times its diameter.
+const THIN: f64 = 1e-3;
+
 /// Share by which the numbers of a file may miss the sum of two moments.
 const ROUNDING: f64 = 1e-6;
 
@@ -68,20 +71,26 @@ fn principal(element: &Element<'_>) -> Option<(Vector3<f64>, Rotation3<f64>)> {
     element.finish(&names, &[]);
     let [xx, yy, zz, xy, xz, yz] = names.map(|name| element.need_real(name));
     let (xx, yy, zz, xy, xz, yz) = (xx?, yy?, zz?, xy?, xz?, yz?);
-    let (moments, axes) = diagonalised(Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz));
+    let (mut moments, axes) = diagonalised(Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz));
     let size = moments.amax();
     let written = |moment: f64| if moment == 0.0 { "0".into() } else { format!("{moment:.3e}") };
     let found = format!(
         "a tensor with the principal moments {}",
         moments.data.as_slice().iter().map(|m| written(*m)).collect::<Vec<_>>().join(", ")
     );
-    if moments.min() <= NOTHING * size || size < NOTHING * NOTHING {
-        let expected = "three moments above 0";
-        // Zeros stand for what nobody has measured; a negative moment is a mistake.
-        let is_mistake = moments.min() < -NOTHING * size && size >= NOTHING * NOTHING;
-        let severity = if is_mistake { Severity::Error } else { Severity::Warning };
-        element.problem(severity, ProblemKind::OutOfRange, "", &found, expected, ESTIMATED);
+    // Zeros stand for what nobody has measured; a negative moment is a mistake, unless rounding made it of a zero.
+    let (is_nothing, is_negative) = (size < NOTHING * NOTHING, moments.min() < -ROUNDING * size);
+    if is_nothing || is_negative {
+        let severity = if is_negative && !is_nothing { Severity::Error } else { Severity::Warning };
+        element.problem(severity, ProblemKind::OutOfRange, "", &found, "three moments above 0", ESTIMATED);
         return None;
+    }
+    if moments.min() <= NOTHING * size {
+        // As of a thin rod about its axis.
+        let action = format!("the others are used, and {THIN} times the largest for it");
+        element.warn(ProblemKind::OutOfRange, "", &found, "three moments above 0", &action);
+        moments = moments.map(|moment| if moment <= NOTHING * size { THIN * size } else { moment });
+        return Some((moments, axes));
     }
     if 2.0 * moments.max() > moments.sum() * (1.0 + ROUNDING) {
         let expected = "none larger than the sum of the others, as that of any rigid body";

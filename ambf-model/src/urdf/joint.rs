@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use nalgebra::{Isometry3, Vector3};
 
 use super::xml::{quoted, Element};
-use crate::adf::{JointKind, Limits, ProblemKind, SixDofLimits, IMPULSE_STEP};
+use crate::adf::{DriveTrain, JointKind, Limits, ProblemKind, SixDofLimits, IMPULSE_STEP};
 
 /// A joint as written, with the links it joins.
 #[derive(Clone)]
@@ -23,8 +23,8 @@ pub(super) struct Joint<'a> {
     pub axis: Vector3<f64>,
     /// Range of the coordinate; `None`: unlimited.
     pub limits: Option<Limits>,
-    /// Largest effort, N·m or N; `None`: not given.
-    pub effort: Option<f64>,
+    /// Damping, friction, largest effort and largest rate.
+    pub drive_train: DriveTrain,
 }
 
 /// Types of joints.
@@ -74,18 +74,11 @@ impl<'a> Joint<'a> {
             found
         };
         let (parent, child) = (link("parent"), link("child"));
-        let (limits, effort) = limits(&element, kind);
+        let (limits, max_effort, max_rate) = limits(&element, kind);
         if let Some(mimic) = element.child("mimic") {
             mimic.ignored("", "the joint moves on its own");
         }
-        if let Some(dynamics) = element.child("dynamics") {
-            dynamics.finish(&["damping", "friction"], &[]);
-            for name in ["damping", "friction"] {
-                if dynamics.real(name).is_some_and(|value| value != 0.0) {
-                    dynamics.ignored(name, "joints move without; a body's own damping is that of ADF");
-                }
-            }
-        }
+        let [damping, friction] = losses(&element, kind);
         Some(Self {
             name,
             element,
@@ -95,7 +88,7 @@ impl<'a> Joint<'a> {
             origin: element.origin(),
             axis: axis(&element, kind),
             limits,
-            effort,
+            drive_train: DriveTrain { damping, friction, max_effort, max_rate },
         })
     }
 
@@ -138,7 +131,7 @@ impl<'a> Joint<'a> {
 
     /// Largest impulse of the motor, N·m·s or N·s.
     pub fn motor_impulse(&self) -> f64 {
-        self.effort.map_or(MOTOR_IMPULSE, |effort| effort * IMPULSE_STEP)
+        self.drive_train.max_effort.map_or(MOTOR_IMPULSE, |effort| effort * IMPULSE_STEP)
     }
 }
 
@@ -183,30 +176,53 @@ fn axis(element: &Element<'_>, kind: Kind) -> Vector3<f64> {
     })
 }
 
-/// Range and largest effort of a joint.
-fn limits(joint: &Element<'_>, kind: Kind) -> (Option<Limits>, Option<f64>) {
+/// Damping and friction of a joint, N·m·s/rad and N·m, or N·s/m and N.
+fn losses(joint: &Element<'_>, kind: Kind) -> [f64; 2] {
+    let Some(dynamics) = joint.child("dynamics") else { return [0.0; 2] };
+    let names = ["damping", "friction"];
+    dynamics.finish(&names, &[]);
+    names.map(|name| {
+        let Some(value) = dynamics.real(name).filter(|value| *value != 0.0) else { return 0.0 };
+        if !kind.is_one_dof() {
+            dynamics.ignored(name, "the joint has no coordinate");
+            return 0.0;
+        }
+        if value < 0.0 {
+            dynamics.warn(ProblemKind::OutOfRange, name, &value.to_string(), "at least 0", "0 is used");
+        }
+        value.max(0.0)
+    })
+}
+
+/// Range, largest effort and largest rate of a joint.
+fn limits(joint: &Element<'_>, kind: Kind) -> (Option<Limits>, Option<f64>, Option<f64>) {
     let continuous = joint.attribute("type") == Some("continuous");
     let Some(limit) = joint.child("limit") else {
         if kind.is_one_dof() && !continuous {
             let expected = "an element with `lower`, `upper`, `effort`, `velocity`";
             joint.error(ProblemKind::Absent, "limit", "", expected, "the joint is unlimited");
         }
-        return (None, None);
+        return (None, None, None);
     };
     limit.finish(&["lower", "upper", "effort", "velocity"], &[]);
     let values = ["lower", "upper", "effort", "velocity"].map(|name| limit.real(name));
     let [low, high, effort, velocity] = values;
     if !kind.is_one_dof() {
-        return (None, None);
+        return (None, None, None);
     }
-    if velocity.is_some() {
-        limit.ignored("velocity", "joints are as fast as their commands ask for");
-    }
+    let velocity = velocity.filter(|velocity| {
+        let usable = *velocity > 0.0;
+        if !usable {
+            let (found, expected) = (velocity.to_string(), "a rate above 0 in rad/s or m/s");
+            limit.warn(ProblemKind::OutOfRange, "velocity", &found, expected, "the joint has no largest rate");
+        }
+        usable
+    });
     let effort = effort.filter(|effort| {
         let usable = *effort > 0.0;
         if !usable {
             let expected = "an effort above 0 in N·m or N";
-            let action = format!("that of a joint without is used, {}", MOTOR_IMPULSE / IMPULSE_STEP);
+            let action = format!("motors have that of a joint without, {}", MOTOR_IMPULSE / IMPULSE_STEP);
             limit.warn(ProblemKind::OutOfRange, "effort", &effort.to_string(), expected, &action);
         }
         usable
@@ -216,14 +232,14 @@ fn limits(joint: &Element<'_>, kind: Kind) -> (Option<Limits>, Option<f64>) {
         bounds.iter().filter(|(_, value)| value.is_some()).for_each(|(name, _)| {
             limit.ignored(name, "a continuous joint has no limits");
         });
-        return (None, effort);
+        return (None, effort, velocity);
     }
     let limits = Limits { low: low.unwrap_or(0.0), high: high.unwrap_or(0.0) };
     let range = limits.high - limits.low;
     let found = format!("a range from {} to {}", limits.low, limits.high);
     if range < 0.0 {
         limit.error(ProblemKind::OutOfRange, "", &found, "`lower` below `upper`", "the joint is unlimited");
-        return (None, effort);
+        return (None, effort, velocity);
     }
     if low.is_none() && high.is_none() {
         let expected = "`lower` and `upper`";
@@ -232,7 +248,7 @@ fn limits(joint: &Element<'_>, kind: Kind) -> (Option<Limits>, Option<f64>) {
     if kind == Kind::Revolute && range >= std::f64::consts::TAU {
         let expected = "less than a turn, which angles are measured in";
         limit.warn(ProblemKind::OutOfRange, "", &found, expected, "the joint is unlimited");
-        return (None, effort);
+        return (None, effort, velocity);
     }
-    (Some(limits), effort)
+    (Some(limits), effort, velocity)
 }

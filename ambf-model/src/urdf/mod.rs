@@ -4,7 +4,7 @@
 //! model. What becomes of each element is in `docs/urdf.md`; the format is that of <https://wiki.ros.org/urdf/XML>.
 //!
 //! ## Limitations
-//! * `mimic`, damping and friction of joints, and velocity limits have no effect; they are reported.
+//! * `mimic` has no effect; it is reported.
 //! * Transmissions, sensors and what simulators add in `<gazebo>` have no effect, but for `self_collide`; they are
 //!   reported.
 //! * Textures are not used.
@@ -125,6 +125,7 @@ fn read(robot: &Element<'_>, packages: &Packages) -> Model {
         bodies: convert::bodies(links, &places, &namespace, &self_collision.links),
         joints: convert::joints(&names, &places, &joints, &namespace),
         ignore_inter_collision: !self_collision.all,
+        has_massless_links: places.iter().any(|place| place.load.is_some_and(|load| load.is_carried)),
         ..Model::empty(name, namespace, path.clone())
     }
 }

@@ -1,7 +1,7 @@
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::*;
-use crate::adf::{CollisionGeometry, CollisionMeshKind, JointKind, Limits, Severity};
+use crate::adf::{CollisionGeometry, CollisionMeshKind, DriveTrain, JointKind, Limits, Severity};
 
 /// Description and problems of a text that is read.
 pub(super) fn read(text: &str) -> (Model, Vec<String>) {
@@ -135,10 +135,32 @@ fn a_link_without_mass_on_a_moving_joint() {
     assert_eq!(names(&model), [("Arm", 2.0, 0.0), ("Tip", 2.0, 2.0)]);
     assert_eq!(joined(&model), [("Arm-frame", "BODY Arm", "BODY Tip")]);
     assert_eq!((model.joints[0].parent_pivot.x, model.joints[0].child_pivot.x), (1.0, -1.0));
-    // Otherwise that of a body without in ADF, and something that can turn.
-    let (model, problems) = read(&robot(&(links(&["Arm", "frame"]) + &joint("continuous", "Arm", "frame"))));
-    assert_eq!(names(&model), [("Arm", 2.0, 0.0), ("frame", 1.0, 1.0)]);
-    assert_eq!(model.bodies[1].inertia.map(|moments| (moments.x * 1e6).round()), Some(4000.0), "a sphere of 0.1 m");
+    // Otherwise next to nothing of what it carries, or else of what it hangs on.
+    let inertia = |model: &Model, i: usize| model.bodies[i].inertia.map(|moments| (moments * 1e7).map(f64::round));
+    let chain = links(&["world", "x", "y", "Base", "Arm", "tip"])
+        + &joint("continuous", "world", "x")
+        + &joint("continuous", "x", "y")
+        + &joint("continuous", "y", "Base")
+        + &joint("fixed", "Base", "Arm")
+        + &joint("continuous", "Arm", "tip");
+    let (model, problems) = read(&robot(&chain));
+    let masses: Vec<_> = names(&model).into_iter().map(|(name, mass, _)| (name, mass)).collect();
+    assert_eq!(masses, [("world", 0.0), ("x", 4e-4), ("y", 4e-4), ("Base", 2.0), ("Arm", 2.0), ("tip", 2e-4)]);
+    assert_eq!([1, 5].map(|i| inertia(&model, i)), [Some(Vector3::repeat(2000.0)), Some(Vector3::repeat(1000.0))]);
+    assert!(problems[0].contains("info: `link x / inertial` is missing (a mass above 0); it moves without: 4.0e-4 kg"));
+    assert_eq!(problems.len(), 3, "{problems:#?}");
+    // What is fixed to a link without a mass is carried, too.
+    let text = links(&["world", "x", "frame", "Tip"])
+        + &joint("continuous", "world", "x")
+        + &joint("continuous", "x", "frame")
+        + &joint("fixed", "frame", "Tip");
+    let (model, _) = read(&robot(&text));
+    assert_eq!(names(&model), [("world", 0.0, 0.0), ("x", 2e-4, 1.0), ("Tip", 2.0, 3.0)]);
+    assert!(model.has_massless_links);
+    // Where nothing has a mass that of a body without in ADF, and something that can turn.
+    let (model, problems) = read(&robot(&(links(&["world", "frame"]) + &joint("continuous", "world", "frame"))));
+    assert_eq!(names(&model), [("world", 0.0, 0.0), ("frame", 1.0, 1.0)]);
+    assert_eq!(inertia(&model, 1), Some(Vector3::repeat(40_000.0)), "a sphere of 0.1 m");
     assert!(problems[0].contains("it has 1 kg, since it can move"), "{problems:#?}");
 }
 
@@ -157,6 +179,19 @@ fn inertials() {
     let lightest = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.5) * Vector3::new(1.0, -1.0, 0.0).normalize();
     assert!(((offset * Vector3::x()).dot(&lightest).abs() - 1.0).abs() < 1e-14);
     assert_eq!(offset.translation.z, 1.0);
+
+    // A zero leaves the others, also where it is one of a turned tensor that rounding made negative.
+    for (text, expected) in [
+        ("ixx='0' iyy='.2' izz='.2' ixy='0'", [2e-4, 0.2, 0.2]),
+        ("ixx='.1' iyy='.1' izz='.2' ixy='.1000000001'", [2e-4, 0.2, 0.2]),
+        ("ixx='0' iyy='0' izz='3' ixy='0'", [3e-3, 3e-3, 3.0]),
+    ] {
+        let (rod, problems) = body(&format!("<mass value='1'/><inertia {text} ixz='0' iyz='0'/>"));
+        let mut moments: Vec<_> = rod.inertia.unwrap().iter().copied().collect();
+        moments.sort_by(f64::total_cmp);
+        assert!(moments.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9), "{text}: {moments:?}");
+        assert!(problems.len() == 1 && problems[0].contains("0.001 times the largest for it"), "{problems:#?}");
+    }
 
     for (inertial, message, mass) in [
         ("<mass value='-1'/>", "`link a / inertial / mass / value` is -1, expected a mass", 0.0),
@@ -196,7 +231,12 @@ fn types_limits_and_efforts_of_joints() {
     let (j, problems) = read_joint("revolute", &limit("lower='-1' upper='2' effort='30'"));
     assert_eq!((j.kind, j.limits), (JointKind::Revolute, Some(Limits { low: -1.0, high: 2.0 })));
     assert_eq!((j.max_motor_impulse, j.parent_axis, problems.as_str()), (0.03, Vector3::x(), ""));
+    let all = "<limit lower='-1' upper='2' effort='30' velocity='4'/><dynamics damping='0.5' friction='2'/>";
+    let (j, problems) = read_joint("prismatic", all);
+    let expected = DriveTrain { damping: 0.5, friction: 2.0, max_effort: Some(30.0), max_rate: Some(4.0) };
+    assert_eq!((j.drive_train, problems.as_str()), (expected, ""));
     let (j, problems) = read_joint("prismatic", &limit("lower='1' upper='2'"));
+    assert_eq!(j.drive_train, DriveTrain::default());
     assert_eq!((j.kind, j.max_motor_impulse, problems.as_str()), (JointKind::Prismatic, 0.1, ""));
     let (j, _) = read_joint("continuous", "<axis xyz='0 0 1e-200'/>");
     assert_eq!((j.limits, j.child_axis), (None, Vector3::z()));
@@ -214,11 +254,16 @@ fn types_limits_and_efforts_of_joints() {
         ("revolute", "<limit lower='1' upper='0'/>", "`lower` below `upper`; the joint is unlimited"),
         ("revolute", "<limit lower='-6.29' upper='6.29'/>", "less than a turn"),
         ("continuous", "<limit lower='-1' upper='1'/>", "a continuous joint has no limits"),
-        ("continuous", "<limit velocity='1'/>", "`joint A-B / limit / velocity` is not used"),
-        ("continuous", "<limit effort='0'/>", "that of a joint without is used, 100"),
+        ("continuous", "<limit velocity='0'/>", "`joint A-B / limit / velocity` is 0, expected a rate above 0"),
+        ("continuous", "<limit effort='0'/>", "motors have that of a joint without, 100"),
         ("continuous", "<axis xyz='0 0 0'/>", "expected a direction; 1 0 0 is used"),
         ("continuous", "<mimic joint='x'/>", "the joint moves on its own"),
-        ("continuous", "<dynamics damping='1' friction='0'/>", "`joint A-B / dynamics / damping` is not used"),
+        (
+            "continuous",
+            "<dynamics damping='-1' friction='0'/>",
+            "`joint A-B / dynamics / damping` is -1, expected at least 0",
+        ),
+        ("fixed", "<dynamics damping='1' friction='0'/>", "`joint A-B / dynamics / damping` is not used"),
         ("continuous", "<dynamic damping='1'/>", "`joint A-B / dynamic` is not known"),
     ] {
         let (_, problems) = read_joint(kind, inside);

@@ -5,6 +5,7 @@
 
 use nalgebra::Isometry3;
 
+use super::inertia::Inertial;
 use super::joint::{Joint, Kind};
 use super::link::Link;
 use crate::adf::{ProblemKind, Severity};
@@ -20,6 +21,19 @@ pub(super) struct Place {
     pub in_world: Isometry3<f64>,
     /// Does not move.
     pub is_static: bool,
+    /// Of a body without a mass that moves: what the robot moves with it. `None` for others, and where nothing has a mass.
+    pub load: Option<Load>,
+}
+
+/// What moves with a link.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Load {
+    /// Of all links that it carries, kg; of a link that carries nothing, that of the link with a mass next to it.
+    pub mass: f64,
+    /// Sum of their smallest principal moments, kg·m²: none of the moments of them all is smaller.
+    pub moment: f64,
+    /// The link carries it.
+    pub is_carried: bool,
 }
 
 /// Takes the joints out of `joints` that do not belong to a tree, and says where each link belongs.
@@ -103,12 +117,56 @@ impl<'t, 'a> Tree<'t, 'a> {
             self.links[root].element.problem(Severity::Error, ProblemKind::Structure, "", &found, "", action);
         }
         let mut waiting: Vec<_> = roots.into_iter().rev().collect();
+        // Parents before children.
+        let mut order = Vec::with_capacity(self.links.len());
         while let Some(link) = waiting.pop() {
             places[link] = Some(self.place(link, &places));
+            order.push(link);
             waiting.extend(self.leaving[link].iter().rev().map(|&joint| self.joints[joint].child));
         }
         // Without loops every link hangs below a root.
-        places.into_iter().flatten().collect()
+        let mut places: Vec<Place> = places.into_iter().flatten().collect();
+        self.find_loads(&order, &mut places);
+        places
+    }
+
+    /// What each link without a mass that moves carries. `order`: parents before children.
+    fn find_loads(&self, order: &[usize], places: &mut [Place]) {
+        // Of each body with all that hangs on it.
+        let mut loads = vec![Load::default(); self.links.len()];
+        for &link in order.iter().rev() {
+            if let Some(Inertial { mass, moments, .. }) = &self.links[link].inertial {
+                let load = &mut loads[places[link].host];
+                load.mass += mass;
+                load.moment += moments.map_or(0.0, |moments| moments.min());
+            }
+            let joint = self.leading_to[link].map(|joint| &self.joints[joint]);
+            // A floating joint carries nothing.
+            let Some(joint) = joint.filter(|joint| joint.kind != Kind::Floating) else { continue };
+            // One joint leads to each body, whose other links hang on the first.
+            let (host, parent) = (places[link].host, places[joint.parent].host);
+            if host != parent {
+                let own = loads[host];
+                loads[parent].mass += own.mass;
+                loads[parent].moment += own.moment;
+            }
+        }
+        // What carries nothing is carried by the link with a mass next to it towards the root.
+        for &link in order {
+            let Place { host, is_static, .. } = places[link];
+            if host != link || is_static || self.links[link].inertial.is_some() {
+                continue;
+            }
+            let parent = self.leading_to[link].map(|joint| places[self.joints[joint].parent].host);
+            loads[link].is_carried = loads[link].mass > 0.0;
+            if !loads[link].is_carried {
+                loads[link] = match parent {
+                    Some(parent) if !places[parent].is_static => Load { is_carried: false, ..loads[parent] },
+                    _ => Load::default(),
+                };
+            }
+            places[link].load = (loads[link].mass > 0.0).then_some(loads[link]);
+        }
     }
 
     /// The place of a link whose parent has one.
@@ -116,7 +174,8 @@ impl<'t, 'a> Tree<'t, 'a> {
         let joint = self.leading_to[link].map(|joint| &self.joints[joint]);
         let parent = joint.and_then(|joint| places[joint.parent]);
         let has_mass = self.links[link].inertial.is_some();
-        let own = |in_world, is_static| Place { host: link, in_host: Isometry3::identity(), in_world, is_static };
+        let own =
+            |in_world, is_static| Place { host: link, in_host: Isometry3::identity(), in_world, is_static, load: None };
         let (in_world, fixed_to) = match (joint, parent) {
             (Some(joint), Some(parent)) => {
                 let fixed = joint.kind == Kind::Fixed;
@@ -136,7 +195,7 @@ impl<'t, 'a> Tree<'t, 'a> {
         }
         if !has_mass {
             if let Some((host, host_in_link)) = self.mass_fixed_to(link) {
-                return Place { host, in_host: host_in_link.inverse(), in_world, is_static: false };
+                return Place { host, in_host: host_in_link.inverse(), in_world, is_static: false, load: None };
             }
         }
         own(in_world, is_root && !has_mass)
