@@ -32,13 +32,15 @@ bool is_deep(const btManifoldResult &result) {
 class ConvexPair final : public btConvexConvexAlgorithm {
  public:
   ConvexPair(const btCollisionAlgorithmConstructionInfo &info, const btCollisionObjectWrapper *first,
-             const btCollisionObjectWrapper *second, btConvexPenetrationDepthSolver *depth_solver)
+             const btCollisionObjectWrapper *second, btConvexPenetrationDepthSolver *depth_solver, NearContacts *near)
       : btConvexConvexAlgorithm(info.m_manifold, info, first, second, depth_solver, 0, 0),
-        depth_solver_(depth_solver) {}
+        depth_solver_(depth_solver),
+        near_(near) {}
 
   void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
                         const btDispatcherInfo &info, btManifoldResult *result) override {
     btConvexConvexAlgorithm::processCollision(first, second, info, result);
+    near_->add(*first, *second, *result, info.m_timeStep);
     if (!is_deep(*result)) return;
     btCollisionAlgorithmConstructionInfo made(m_dispatcher, 1);
     btConvexConvexAlgorithm perturbed(result->getPersistentManifold(), made, first, second, depth_solver_,
@@ -48,6 +50,23 @@ class ConvexPair final : public btConvexConvexAlgorithm {
 
  private:
   btConvexPenetrationDepthSolver *const depth_solver_;
+  NearContacts *const near_;
+};
+
+class BoxPair final : public btBoxBoxCollisionAlgorithm {
+ public:
+  BoxPair(const btCollisionAlgorithmConstructionInfo &info, const btCollisionObjectWrapper *first,
+          const btCollisionObjectWrapper *second, NearContacts *near)
+      : btBoxBoxCollisionAlgorithm(nullptr, info, first, second), near_(near) {}
+
+  void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
+                        const btDispatcherInfo &info, btManifoldResult *result) override {
+    btBoxBoxCollisionAlgorithm::processCollision(first, second, info, result);
+    near_->add(*first, *second, *result, info.m_timeStep);
+  }
+
+ private:
+  NearContacts *const near_;
 };
 
 class SpherePair final : public btSphereSphereCollisionAlgorithm {
@@ -166,7 +185,13 @@ btCollisionAlgorithm *create(const btCollisionAlgorithmConstructionInfo &info, A
 btCollisionAlgorithm *ContactAlgorithms::Pairs::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
                                                                          const btCollisionObjectWrapper *first,
                                                                          const btCollisionObjectWrapper *second) {
-  return create<ConvexPair>(info, first, second, m_pdSolver);
+  return create<ConvexPair>(info, first, second, m_pdSolver, near);
+}
+
+btCollisionAlgorithm *ContactAlgorithms::Boxes::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+                                                                         const btCollisionObjectWrapper *first,
+                                                                         const btCollisionObjectWrapper *second) {
+  return create<BoxPair>(info, first, second, near);
 }
 
 btCollisionAlgorithm *ContactAlgorithms::Spheres::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
@@ -188,6 +213,7 @@ void ContactAlgorithms::enable(btCollisionDispatcher &dispatcher, btCollisionCon
   const auto *const of_pairs = created_by(CONVEX_HULL_SHAPE_PROXYTYPE, CONVEX_HULL_SHAPE_PROXYTYPE);
   const auto *const of_planes = created_by(CONVEX_HULL_SHAPE_PROXYTYPE, STATIC_PLANE_PROXYTYPE);
   dispatcher.registerCollisionCreateFunc(SPHERE_SHAPE_PROXYTYPE, SPHERE_SHAPE_PROXYTYPE, &spheres_);
+  dispatcher.registerCollisionCreateFunc(BOX_SHAPE_PROXYTYPE, BOX_SHAPE_PROXYTYPE, &boxes_);
   for (int first = 0; first < CONCAVE_SHAPES_START_HERE; ++first) {
     for (int second = 0; second < CONCAVE_SHAPES_START_HERE; ++second) {
       if (created_by(first, second) == of_pairs) dispatcher.registerCollisionCreateFunc(first, second, &pairs_);
@@ -196,4 +222,10 @@ void ContactAlgorithms::enable(btCollisionDispatcher &dispatcher, btCollisionCon
     dispatcher.registerCollisionCreateFunc(first, STATIC_PLANE_PROXYTYPE, &plane_second_);
     dispatcher.registerCollisionCreateFunc(STATIC_PLANE_PROXYTYPE, first, &plane_first_);
   }
+}
+
+void ContactAlgorithms::add_mesh(const AmbShape &shape, btCollisionDispatcher &dispatcher,
+                                 btCollisionConfiguration &configuration) {
+  MeshContacts::prepare(shape);
+  meshes_.enable(dispatcher, configuration);
 }
