@@ -8,25 +8,43 @@
 
 #include "internal.h"
 
-// Motion of a first object relative to a second one in h s, with the velocities before it and the forces on the bodies.
+// Motion of a first object relative to a second one in h s, with the velocities before it and the forces on the bodies. They do
+// not approach each other unless continuous collision detection is enabled for one of them.
 class Approach {
  public:
   Approach(const btCollisionObject &first, const btCollisionObject &second, btScalar h) {
-    add(first, h, 1);
-    add(second, -h, 0);
+    if (!is_continuous(first) && !is_continuous(second)) return;
+    add(first, h, 0);
+    add(second, -h, 1);
   }
 
-  // The largest distance, m, by which any points of the two can approach each other.
-  btScalar bound() const { return way_.length() + turns_[0].length() * radii_[0] + turns_[1].length() * radii_[1]; }
+  // Distance from which on points of the two may touch, m. Impulses make some points faster than they are in free motion:
+  // where the tip of a rod that falls flat is stopped, its other end goes on with one and a half times its velocity.
+  btScalar bound() const { return reach(way_.length(), turns_[0].length(), turns_[1].length()); }
 
   // The same along a normal, a unit vector from the second object to the first.
   btScalar along(const btVector3 &normal) const {
-    btScalar sum = -way_.dot(normal);
-    for (int i = 0; i < 2; ++i) sum += turns_[i].cross(normal).length() * radii_[i];
+    return reach(-way_.dot(normal), turns_[0].cross(normal).length(), turns_[1].cross(normal).length());
+  }
+
+  // The same for the correction of a penetration, m, which may turn a body about its centre of mass.
+  static btScalar of_correction(btScalar depth) { return FASTEST_POINT * std::max(depth, btScalar(0)); }
+
+ private:
+  static constexpr btScalar FASTEST_POINT = 2;
+
+  // A turn moves no point by more than the diameter.
+  btScalar reach(btScalar way, btScalar turn_of_first, btScalar turn_of_second) const {
+    const btScalar sum = FASTEST_POINT * way + std::min(FASTEST_POINT * turn_of_first, btScalar(2)) * radii_[0] +
+                         std::min(FASTEST_POINT * turn_of_second, btScalar(2)) * radii_[1];
     return std::max(sum, btScalar(0));
   }
 
- private:
+  static bool is_continuous(const btCollisionObject &object) {
+    const AmbBody *const owner = body_of(&object);
+    return owner && owner->is_continuous;
+  }
+
   void add(const btCollisionObject &object, btScalar h, int place) {
     const AmbBody *const owner = body_of(&object);
     if (!owner || object.isStaticObject()) return;
@@ -41,11 +59,6 @@ class Approach {
   btVector3 turns_[2] = {{0, 0, 0}, {0, 0, 0}};
   btScalar radii_[2] = {0, 0};
 };
-
-// A contact that no velocity opens further than the motion of its sub-step closes is no contact. This many times the approach
-// of the free motion may be that of a point: where the tip of a rod that falls flat is stopped, its other end goes on with one
-// and a half times its velocity.
-constexpr btScalar FASTEST_POINT = 2;
 
 // Adds a contact to a manifold. `normal` and `point` are those of its second object. Unlike btManifoldResult it takes contacts
 // at any distance.

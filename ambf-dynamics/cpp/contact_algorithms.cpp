@@ -15,6 +15,8 @@
 #include <algorithm>
 #include <new>
 
+#include "approach.h"
+
 namespace {
 
 // Orientations that Bullet tries, and the number of points from which on it does not. As for polyhedra on planes.
@@ -27,6 +29,11 @@ bool is_deep(const btManifoldResult &result) {
   for (int i = 0; i < manifold->getNumContacts(); ++i)
     least = std::min(least, manifold->getContactPoint(i).getDistance());
   return least < -manifold->getContactBreakingThreshold();
+}
+
+// As in btCollisionDispatcher::getNewManifold.
+btScalar breaking_threshold(const btCollisionObject &object) {
+  return object.getCollisionShape()->getContactBreakingThreshold(gContactBreakingThreshold);
 }
 
 class ConvexPair final : public btConvexConvexAlgorithm {
@@ -67,6 +74,33 @@ class BoxPair final : public btBoxBoxCollisionAlgorithm {
 
  private:
   NearContacts *const near_;
+};
+
+// Compounds, part by part. Bullet looks at the parts whose bounding boxes overlap. Those of meshes and of fast bodies have
+// contacts before.
+template <class Base>
+class CompoundPair final : public Base {
+ public:
+  using Base::Base;
+
+  void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
+                        const btDispatcherInfo &info, btManifoldResult *result) override {
+    const btCollisionObject &one = *first->getCollisionObject(), &other = *second->getCollisionObject();
+    const btScalar threshold = std::min(breaking_threshold(one), breaking_threshold(other));
+    const btScalar most = Approach(one, other, info.m_timeStep).bound();
+    if (most > threshold) {
+      result->m_closestPointDistanceThreshold = most;
+    } else if (has_mesh(one) || has_mesh(other)) {
+      result->m_closestPointDistanceThreshold = threshold;
+    }
+    Base::processCollision(first, second, info, result);
+  }
+
+ private:
+  static bool has_mesh(const btCollisionObject &object) {
+    const AmbBody *const owner = body_of(&object);
+    return owner && owner->shape->needs_gimpact;
+  }
 };
 
 class SpherePair final : public btSphereSphereCollisionAlgorithm {
@@ -194,6 +228,14 @@ btCollisionAlgorithm *ContactAlgorithms::Boxes::CreateCollisionAlgorithm(btColli
   return create<BoxPair>(info, first, second, near);
 }
 
+btCollisionAlgorithm *ContactAlgorithms::Compounds::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+                                                                             const btCollisionObjectWrapper *first,
+                                                                             const btCollisionObjectWrapper *second) {
+  const bool are_both = first->getCollisionShape()->isCompound() && second->getCollisionShape()->isCompound();
+  if (are_both) return create<CompoundPair<btCompoundCompoundCollisionAlgorithm>>(info, first, second, m_swapped);
+  return create<CompoundPair<btCompoundCollisionAlgorithm>>(info, first, second, m_swapped);
+}
+
 btCollisionAlgorithm *ContactAlgorithms::Spheres::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
                                                                            const btCollisionObjectWrapper *first,
                                                                            const btCollisionObjectWrapper *second) {
@@ -214,6 +256,13 @@ void ContactAlgorithms::enable(btCollisionDispatcher &dispatcher, btCollisionCon
   const auto *const of_planes = created_by(CONVEX_HULL_SHAPE_PROXYTYPE, STATIC_PLANE_PROXYTYPE);
   dispatcher.registerCollisionCreateFunc(SPHERE_SHAPE_PROXYTYPE, SPHERE_SHAPE_PROXYTYPE, &spheres_);
   dispatcher.registerCollisionCreateFunc(BOX_SHAPE_PROXYTYPE, BOX_SHAPE_PROXYTYPE, &boxes_);
+  // Soft bodies are shapes of another kind.
+  for (int type = 0; type < SOFTBODY_SHAPE_PROXYTYPE; ++type) {
+    if (type == COMPOUND_SHAPE_PROXYTYPE || type == EMPTY_SHAPE_PROXYTYPE) continue;
+    dispatcher.registerCollisionCreateFunc(COMPOUND_SHAPE_PROXYTYPE, type, &compound_first_);
+    dispatcher.registerCollisionCreateFunc(type, COMPOUND_SHAPE_PROXYTYPE, &compound_second_);
+  }
+  dispatcher.registerCollisionCreateFunc(COMPOUND_SHAPE_PROXYTYPE, COMPOUND_SHAPE_PROXYTYPE, &compound_first_);
   for (int first = 0; first < CONCAVE_SHAPES_START_HERE; ++first) {
     for (int second = 0; second < CONCAVE_SHAPES_START_HERE; ++second) {
       if (created_by(first, second) == of_pairs) dispatcher.registerCollisionCreateFunc(first, second, &pairs_);
@@ -224,8 +273,9 @@ void ContactAlgorithms::enable(btCollisionDispatcher &dispatcher, btCollisionCon
   }
 }
 
-void ContactAlgorithms::add_mesh(const AmbShape &shape, btCollisionDispatcher &dispatcher,
-                                 btCollisionConfiguration &configuration) {
+void ContactAlgorithms::add_mesh(const AmbShape &shape, btCollisionDispatcher &dispatcher) {
   MeshContacts::prepare(shape);
-  meshes_.enable(dispatcher, configuration);
+  meshes_.enable(dispatcher);
+  dispatcher.registerCollisionCreateFunc(COMPOUND_SHAPE_PROXYTYPE, GIMPACT_SHAPE_PROXYTYPE, &compound_first_);
+  dispatcher.registerCollisionCreateFunc(GIMPACT_SHAPE_PROXYTYPE, COMPOUND_SHAPE_PROXYTYPE, &compound_second_);
 }

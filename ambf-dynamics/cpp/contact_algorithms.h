@@ -32,11 +32,12 @@ class ContactAlgorithms {
  public:
   ContactAlgorithms() : pairs_(&depth_solver_), meshes_(depth_solver_) {
     plane_first_.m_swapped = true;
+    compound_second_.m_swapped = true;
     pairs_.near = boxes_.near = &near_;
   }
   void enable(btCollisionDispatcher &dispatcher, btCollisionConfiguration &configuration);
   // To be called with each shape that is or has a mesh, after Bullet has registered its algorithms for meshes.
-  void add_mesh(const AmbShape &shape, btCollisionDispatcher &dispatcher, btCollisionConfiguration &configuration);
+  void add_mesh(const AmbShape &shape, btCollisionDispatcher &dispatcher);
 
  private:
   struct Pairs final : btConvexConvexAlgorithm::CreateFunc {
@@ -51,6 +52,11 @@ class ContactAlgorithms {
                                                    const btCollisionObjectWrapper *first,
                                                    const btCollisionObjectWrapper *second) override;
     NearContacts *near = nullptr;
+  };
+  struct Compounds final : btCollisionAlgorithmCreateFunc {
+    btCollisionAlgorithm *CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+                                                   const btCollisionObjectWrapper *first,
+                                                   const btCollisionObjectWrapper *second) override;
   };
   struct Spheres final : btCollisionAlgorithmCreateFunc {
     btCollisionAlgorithm *CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
@@ -69,6 +75,7 @@ class ContactAlgorithms {
   Boxes boxes_;
   Spheres spheres_;
   Planes plane_second_, plane_first_;
+  Compounds compound_first_, compound_second_;
   MeshContacts meshes_;
 };
 

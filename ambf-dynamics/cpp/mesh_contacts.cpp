@@ -4,7 +4,6 @@
 #include <cmath>
 #include <new>
 
-#include <BulletCollision/CollisionDispatch/btCollisionConfiguration.h>
 #include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
 #include <BulletCollision/CollisionDispatch/btCollisionObjectWrapper.h>
 #include <BulletCollision/CollisionDispatch/btCompoundCompoundCollisionAlgorithm.h>
@@ -30,7 +29,7 @@ constexpr btScalar SAME_DEPTH = 0.01;
 class Narrow final : public btTriangleCallback {
  public:
   Narrow(MeshContacts &memory, const MeshTopology &topology, const btConvexShape &shape, const btTransform &pose,
-         btScalar mesh_margin, btScalar threshold, const Approach &approach, const btMatrix3x3 &frame)
+         btScalar mesh_margin, btScalar threshold, const Approach &approach, const btMatrix3x3 &frame, btScalar correction)
       : memory_(memory),
         mesh_(topology),
         shape_(shape),
@@ -39,7 +38,8 @@ class Narrow final : public btTriangleCallback {
         threshold_(threshold),
         approach_(approach),
         frame_(frame),
-        reach_(reach_of(shape, mesh_margin, threshold, approach)),
+        correction_(correction),
+        reach_(reach_of(shape, mesh_margin, threshold, approach.bound() + correction)),
         is_box_(shape.getShapeType() == BOX_SHAPE_PROXYTYPE),
         sharp_box_(is_box_ ? static_cast<const btBoxShape &>(shape).getHalfExtentsWithMargin() : btVector3(1, 1, 1)) {
     sharp_box_.setMargin(0);
@@ -51,6 +51,7 @@ class Narrow final : public btTriangleCallback {
 
   const btVector3 &low() const { return low_; }
   const btVector3 &high() const { return high_; }
+  btScalar reach() const { return reach_; }
 
   void processTriangle(btVector3 *, int, int index) override {
     const MeshTopology::Triangle &triangle = mesh_.triangles[index];
@@ -79,8 +80,7 @@ class Narrow final : public btTriangleCallback {
 
  private:
   // A body that may get more than half through the surface in the sub-step has its contacts before.
-  static btScalar reach_of(const btConvexShape &shape, btScalar mesh_margin, btScalar threshold, const Approach &approach) {
-    const btScalar most = FASTEST_POINT * approach.bound();
+  static btScalar reach_of(const btConvexShape &shape, btScalar mesh_margin, btScalar threshold, btScalar most) {
     if (!(most > threshold)) return threshold;
     btVector3 low, high;
     shape.getAabb(btTransform::getIdentity(), low, high);
@@ -209,7 +209,7 @@ class Narrow final : public btTriangleCallback {
   }
 
   void add(const btVector3 &normal, const btVector3 &point, btScalar distance) {
-    if (distance < threshold_ || distance < FASTEST_POINT * approach_.along(frame_ * normal))
+    if (distance < threshold_ || distance < approach_.along(frame_ * normal) + correction_)
       memory_.found.push_back({normal, point, distance, false});
   }
 
@@ -230,8 +230,8 @@ class Narrow final : public btTriangleCallback {
   // Axes of the mesh in the world, where the approach is known.
   const Approach &approach_;
   const btMatrix3x3 &frame_;
-  // Distance from which on there may be contacts.
-  const btScalar reach_;
+  // Motion by the correction of a penetration, and the distance from which on there may be contacts, m.
+  const btScalar correction_, reach_;
   const bool is_box_;
   btBoxShape sharp_box_;
   btVector3 low_, high_;
@@ -249,28 +249,32 @@ Selection select(Vector<MeshContact> &contacts, const MeshContact &seed, const b
   const btScalar deepest = seed.distance;
   Selection selection;
   const auto is_in = [&](const MeshContact &contact) { return !contact.is_done && normal.dot(contact.normal) > GROUP_COSINE; };
+  // Points nearer to each other than this are one. Of two surfaces below the same point of the body the nearer one counts.
+  const btScalar apart = btScalar(0.1) * threshold;
   // The contact of the highest value, if that is above `least`.
   const auto keep_best = [&](btScalar least, auto value) {
     const MeshContact *best = nullptr;
     for (const MeshContact &contact : contacts) {
       if (!is_in(contact)) continue;
       const btScalar found = value(contact);
-      if (!(found > least)) continue;
+      const bool is_better = best && found > least - apart ? found > least + apart || contact.distance < best->distance
+                                                           : found > least;
+      if (!is_better) continue;
       least = found;
       best = &contact;
     }
     if (best) selection.kept[selection.count++] = best;
     return best;
   };
-  const btScalar apart = btScalar(0.1) * threshold;
+  const auto on_body = [](const MeshContact &contact) { return contact.point + contact.normal * contact.distance; };
   const MeshContact *a = keep_best(-1, [&](const MeshContact &contact) {
-    return contact.distance <= deepest + SAME_DEPTH * threshold ? contact.point.distance2(centre) : btScalar(-1);
+    return contact.distance <= deepest + SAME_DEPTH * threshold ? on_body(contact).distance(centre) : btScalar(-1);
   });
   const MeshContact *b =
-      a ? keep_best(apart * apart, [&](const MeshContact &contact) { return contact.point.distance2(a->point); }) : nullptr;
-  if (a && b) {
-    const btVector3 side = normal.cross(b->point - a->point).normalized();
-    const auto beside = [&](const MeshContact &contact) { return side.dot(contact.point - a->point); };
+      a ? keep_best(apart, [&](const MeshContact &contact) { return on_body(contact).distance(on_body(*a)); }) : nullptr;
+  if (b) {
+    const btVector3 side = normal.cross(on_body(*b) - on_body(*a)).normalized();
+    const auto beside = [&](const MeshContact &contact) { return side.dot(on_body(contact) - on_body(*a)); };
     keep_best(apart, beside);
     keep_best(apart, [&](const MeshContact &contact) { return -beside(contact); });
   }
@@ -297,9 +301,18 @@ class ConvexOnMesh final : public btCollisionAlgorithm {
     const btTransform &frame = ground.getWorldTransform();
     const btTransform pose = frame.inverseTimes(body.getWorldTransform());
     const Approach approach(*body.getCollisionObject(), *ground.getCollisionObject(), info.m_timeStep);
-    Narrow narrow(memory_, topology, shape, pose, mesh.getMargin(), threshold, approach, frame.getBasis());
-    memory_.found.clear();
-    mesh.processAllTriangles(&narrow, narrow.low(), narrow.high());
+    btScalar reach = threshold;
+    for (btScalar correction = 0;;) {
+      Narrow narrow(memory_, topology, shape, pose, mesh.getMargin(), threshold, approach, frame.getBasis(), correction);
+      if (correction > 0 && !(narrow.reach() > reach)) break;
+      reach = narrow.reach();
+      memory_.found.clear();
+      mesh.processAllTriangles(&narrow, narrow.low(), narrow.high());
+      if (correction > 0) break;
+      for (const MeshContact &contact : memory_.found)
+        correction = std::max(correction, Approach::of_correction(-contact.distance));
+      if (!(correction > 0)) break;
+    }
 
     int groups = 0;
     for (; groups < MOST_GROUPS; ++groups) {
@@ -365,19 +378,13 @@ btCollisionAlgorithm *MeshContacts::Pairs::CreateCollisionAlgorithm(btCollisionA
   return new (info.m_dispatcher1->allocateCollisionAlgorithm(sizeof(ConvexOnMesh))) ConvexOnMesh(info, *owner, m_swapped);
 }
 
-void MeshContacts::enable(btCollisionDispatcher &dispatcher, btCollisionConfiguration &configuration) {
+void MeshContacts::enable(btCollisionDispatcher &dispatcher) {
   mesh_first_.m_swapped = true;
   mesh_first_.owner = mesh_second_.owner = this;
   for (int type = 0; type < CONCAVE_SHAPES_START_HERE; ++type) {
     dispatcher.registerCollisionCreateFunc(type, GIMPACT_SHAPE_PROXYTYPE, &mesh_second_);
     dispatcher.registerCollisionCreateFunc(GIMPACT_SHAPE_PROXYTYPE, type, &mesh_first_);
   }
-  // Part by part, each of which has manifolds of its own.
-  const auto by_parts = [&](int first, int second) {
-    dispatcher.registerCollisionCreateFunc(first, second, configuration.getCollisionAlgorithmCreateFunc(first, second));
-  };
-  by_parts(COMPOUND_SHAPE_PROXYTYPE, GIMPACT_SHAPE_PROXYTYPE);
-  by_parts(GIMPACT_SHAPE_PROXYTYPE, COMPOUND_SHAPE_PROXYTYPE);
 }
 
 void MeshContacts::prepare(const AmbShape &shape) {

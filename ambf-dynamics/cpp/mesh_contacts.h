@@ -25,7 +25,6 @@
 
 #include "contact_feature.h"
 
-class btCollisionConfiguration;
 class btCollisionDispatcher;
 class btGImpactMeshShape;
 
@@ -46,8 +45,8 @@ class MeshContacts {
  public:
   explicit MeshContacts(btConvexPenetrationDepthSolver &solver) : depth_solver(solver) {}
 
-  // For convex shapes and compounds of them. To be called after Bullet has registered its own algorithm for meshes.
-  void enable(btCollisionDispatcher &dispatcher, btCollisionConfiguration &configuration);
+  // To be called after Bullet has registered its own algorithm for meshes.
+  void enable(btCollisionDispatcher &dispatcher);
   // To be called before the mesh collides with anything.
   static void prepare(const struct AmbShape &shape);
 

@@ -58,6 +58,13 @@ btPointCollector nearest(const Solid &first, const Solid &second, btScalar reach
   return found;
 }
 
+// Depth of the deepest contact, m; 0: none overlaps.
+btScalar depth_of(const btPersistentManifold &manifold) {
+  btScalar depth = 0;
+  for (int i = 0; i < manifold.getNumContacts(); ++i) depth = std::max(depth, -manifold.getContactPoint(i).getDistance());
+  return depth;
+}
+
 }  // namespace
 
 void NearContacts::add(const btCollisionObjectWrapper &first, const btCollisionObjectWrapper &second,
@@ -67,7 +74,7 @@ void NearContacts::add(const btCollisionObjectWrapper &first, const btCollisionO
   const btScalar threshold = manifold.getContactBreakingThreshold();
   const btCollisionObject &one = *first.getCollisionObject(), &other = *second.getCollisionObject();
   const Approach approach(one, other, h);
-  const btScalar most = FASTEST_POINT * approach.bound();
+  const btScalar correction = Approach::of_correction(depth_of(manifold)), most = approach.bound() + correction;
   const Solid a(first), b(second);
   const bool is_gap = a.is_box && b.is_box && manifold.getNumContacts() == 0 &&
                       btManifoldResult::calculateCombinedRestitution(&one, &other) == 0;
@@ -87,7 +94,7 @@ void NearContacts::add(const btCollisionObjectWrapper &first, const btCollisionO
     if (!found.m_hasResult) return;
     normal = found.m_normalOnBInWorld;
   }
-  const btScalar closing = FASTEST_POINT * approach.along(normal), high_b = b.farthest(normal), low_a = -a.farthest(-normal);
+  const btScalar closing = approach.along(normal) + correction, high_b = b.farthest(normal), low_a = -a.farthest(-normal);
   const btScalar thickness = a.farthest(normal) - low_a + high_b + b.farthest(-normal);
   const bool is_thin = closing > thickness / 2;
   if (!is_gap && !is_thin) return;

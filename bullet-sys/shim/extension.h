@@ -165,6 +165,8 @@ struct EngineBody : BodyMemory {
   std::unique_ptr<btTypedConstraint> drive;
   // Radius, m, of the sphere that is swept when the body moves further than that in a sub-step; 0: never.
   btScalar swept_radius = 0;
+  // Whether continuous collision detection is enabled.
+  bool is_continuous = false;
 };
 
 // The user pointer of constraints that can be driven, that are springs, or of which rows are left out points at their

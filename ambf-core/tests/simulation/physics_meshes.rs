@@ -20,7 +20,11 @@ fn surface(height: impl Fn(f64, f64) -> f64) -> String {
     for (i, j) in (0..SQUARES).flat_map(|j| (0..SQUARES).map(move |i| (i, j))) {
         let a = j * (SQUARES + 1) + i + 1;
         let [b, c, d] = [a + 1, a + SQUARES + 1, a + SQUARES + 2];
-        text += &if (i + j) % 2 == 0 { format!("f {a} {b} {c}\nf {b} {d} {c}\n") } else { format!("f {a} {b} {d}\nf {a} {d} {c}\n") };
+        text += &if (i + j) % 2 == 0 {
+            format!("f {a} {b} {c}\nf {b} {d} {c}\n")
+        } else {
+            format!("f {a} {b} {d}\nf {a} {d} {c}\n")
+        };
     }
     text
 }
@@ -68,9 +72,13 @@ const PILL: &str = "mass: 0.002, collision shape: Capsule, collision geometry: {
 #[test]
 fn bodies_slide_and_roll_over_a_flat_mesh_as_over_a_plane() {
     for step in [0.001, 0.005] {
-        for (shape, half, friction, spin) in
-            [(BOX, 0.02, 0.0, 0.0), (CAN, 0.02, 0.0, 0.0), (CUBE, 0.005, 0.0, 0.0), (PILL, 0.005, 0.0, 0.0), (BALL, 0.03, 0.5, 1.0 / 0.03)]
-        {
+        for (shape, half, friction, spin) in [
+            (BOX, 0.02, 0.0, 0.0),
+            (CAN, 0.02, 0.0, 0.0),
+            (CUBE, 0.005, 0.0, 0.0),
+            (PILL, 0.005, 0.0, 0.0),
+            (BALL, 0.03, 0.5, 1.0 / 0.03),
+        ] {
             let mut bench = on(&surface(|_, _| 0.0), step, shape, [-1.3, 0.013, half + 0.0015], friction);
             run(&mut bench, step, 0.2);
             let part = bench.body("Part");
@@ -116,7 +124,8 @@ fn small_parts_come_to_rest_on_a_flat_mesh() {
 fn a_body_slides_through_a_smooth_valley_without_loss() {
     for (shape, half) in [(BALL, 0.03), (CUBE, 0.005)] {
         let height = |x: f64| 0.3 * (1.0 - (x * 2.0).cos());
-        let mut bench = on(&surface(|x, _| height(x)), 0.001, shape, [-0.6, 0.013, height(-0.6) + half * 1.3 + 0.002], 0.0);
+        let mut bench =
+            on(&surface(|x, _| height(x)), 0.001, shape, [-0.6, 0.013, height(-0.6) + half * 1.3 + 0.002], 0.0);
         let top = bench.position("Part").z;
         let mut fastest: f64 = 0.0;
         for _ in 0..1000 {
@@ -131,7 +140,8 @@ fn a_body_slides_through_a_smooth_valley_without_loss() {
 #[test]
 fn walls_rims_and_ridges_of_a_mesh_still_act() {
     // A step upwards stops what slides against it.
-    let mut bench = on(&strip(&[(-1.0, 0.0), (0.5, 0.0), (0.5, 0.1), (1.0, 0.1)]), 0.001, BOX, [0.0, 0.013, 0.0215], 0.0);
+    let mut bench =
+        on(&strip(&[(-1.0, 0.0), (0.5, 0.0), (0.5, 0.1), (1.0, 0.1)]), 0.001, BOX, [0.0, 0.013, 0.0215], 0.0);
     bench.throw("Part", Vector3::x());
     run(&mut bench, 0.001, 1.0);
     assert!(bench.position("Part").x < 0.4601, "{}", bench.position("Part"));
@@ -139,7 +149,8 @@ fn walls_rims_and_ridges_of_a_mesh_still_act() {
     for (x, is_carried) in [(0.47, true), (0.53, false)] {
         for below in [0.0, 0.3] {
             let profile = [(-1.0, 0.0), (0.5, 0.0), (0.5, -below)];
-            let mut bench = on(&strip(&profile[..if below > 0.0 { 3 } else { 2 }]), 0.001, BOX, [x, 0.013, 0.0215], 0.5);
+            let mut bench =
+                on(&strip(&profile[..if below > 0.0 { 3 } else { 2 }]), 0.001, BOX, [x, 0.013, 0.0215], 0.5);
             run(&mut bench, 0.001, 1.0);
             let z = bench.position("Part").z;
             assert_eq!((z - 0.021).abs() < 1e-4, is_carried, "{x} {below}: {z}");
