@@ -76,32 +76,77 @@ class BoxPair final : public btBoxBoxCollisionAlgorithm {
   NearContacts *const near_;
 };
 
-// Compounds, part by part. Bullet looks at the parts whose bounding boxes overlap. Those of meshes and of fast bodies have
-// contacts before.
-template <class Base>
-class CompoundPair final : public Base {
+// A compound and another shape, part by part. Bullet looks at the parts whose bounding boxes overlap, so that they have no
+// contacts before they do. Here they have them from the threshold on, and those of fast bodies before.
+class PartsPair final : public btCollisionAlgorithm {
  public:
-  using Base::Base;
+  PartsPair(const btCollisionAlgorithmConstructionInfo &info, bool is_swapped)
+      : btCollisionAlgorithm(info), is_swapped_(is_swapped) {}
+
+  ~PartsPair() override {
+    for (int i = 0; i < parts_.size(); ++i) drop(i);
+  }
 
   void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
                         const btDispatcherInfo &info, btManifoldResult *result) override {
-    const btCollisionObject &one = *first->getCollisionObject(), &other = *second->getCollisionObject();
-    const btScalar threshold = std::min(breaking_threshold(one), breaking_threshold(other));
-    const btScalar most = Approach(one, other, info.m_timeStep).bound();
-    if (most > threshold) {
-      result->m_closestPointDistanceThreshold = most;
-    } else if (has_mesh(one) || has_mesh(other)) {
-      result->m_closestPointDistanceThreshold = threshold;
+    const btCollisionObjectWrapper &whole = is_swapped_ ? *second : *first, &other = is_swapped_ ? *first : *second;
+    const auto &compound = static_cast<const btCompoundShape &>(*whole.getCollisionShape());
+    if (parts_.size() != compound.getNumChildShapes()) parts_.resize(compound.getNumChildShapes(), nullptr);
+    const btCollisionObject &one = *whole.getCollisionObject(), &two = *other.getCollisionObject();
+    const btScalar threshold = std::min(breaking_threshold(one), breaking_threshold(two));
+    const btScalar reach = std::max(threshold, Approach(one, two, info.m_timeStep).bound());
+    btVector3 low, high, part_low, part_high;
+    other.getCollisionShape()->getAabb(other.getWorldTransform(), low, high);
+    low -= btVector3(reach, reach, reach);
+    high += btVector3(reach, reach, reach);
+    for (int i = 0; i < parts_.size(); ++i) {
+      const btCollisionShape &shape = *compound.getChildShape(i);
+      const btTransform pose = whole.getWorldTransform() * compound.getChildTransform(i);
+      shape.getAabb(pose, part_low, part_high);
+      if (!TestAabbAgainstAabb2(low, high, part_low, part_high)) {
+        drop(i);
+        continue;
+      }
+      const btCollisionObjectWrapper part(&whole, &shape, &one, pose, -1, i);
+      if (!parts_[i]) parts_[i] = m_dispatcher->findAlgorithm(&part, &other, nullptr, BT_CONTACT_POINT_ALGORITHMS);
+      if (!parts_[i]) continue;
+      const bool is_first = result->getBody0Internal() == &one;
+      const btCollisionObjectWrapper *const before = is_first ? result->getBody0Wrap() : result->getBody1Wrap();
+      is_first ? result->setBody0Wrap(&part) : result->setBody1Wrap(&part);
+      parts_[i]->processCollision(&part, &other, info, result);
+      is_first ? result->setBody0Wrap(before) : result->setBody1Wrap(before);
     }
-    Base::processCollision(first, second, info, result);
+  }
+
+  btScalar calculateTimeOfImpact(btCollisionObject *, btCollisionObject *, const btDispatcherInfo &,
+                                 btManifoldResult *) override {
+    return 1;
+  }
+
+  void getAllContactManifolds(btManifoldArray &all) override {
+    for (int i = 0; i < parts_.size(); ++i) {
+      if (parts_[i]) parts_[i]->getAllContactManifolds(all);
+    }
   }
 
  private:
-  static bool has_mesh(const btCollisionObject &object) {
-    const AmbBody *const owner = body_of(&object);
-    return owner && owner->shape->needs_gimpact;
+  void drop(int i) {
+    if (!parts_[i]) return;
+    parts_[i]->~btCollisionAlgorithm();
+    m_dispatcher->freeCollisionAlgorithm(parts_[i]);
+    parts_[i] = nullptr;
   }
+
+  const bool is_swapped_;
+  // By the index of the part; null: it is far from the other shape.
+  btAlignedObjectArray<btCollisionAlgorithm *> parts_;
 };
+
+bool has_mesh(const btCollisionObject &object) {
+  const AmbObject *const owner = object_of(&object);
+  if (owner->kind == ObjectKind::Ghost) return static_cast<const AmbGhost *>(owner)->shape->needs_gimpact;
+  return owner->kind == ObjectKind::Body && static_cast<const AmbBody *>(owner)->shape->needs_gimpact;
+}
 
 class SpherePair final : public btSphereSphereCollisionAlgorithm {
  public:
@@ -232,8 +277,11 @@ btCollisionAlgorithm *ContactAlgorithms::Compounds::CreateCollisionAlgorithm(btC
                                                                              const btCollisionObjectWrapper *first,
                                                                              const btCollisionObjectWrapper *second) {
   const bool are_both = first->getCollisionShape()->isCompound() && second->getCollisionShape()->isCompound();
-  if (are_both) return create<CompoundPair<btCompoundCompoundCollisionAlgorithm>>(info, first, second, m_swapped);
-  return create<CompoundPair<btCompoundCollisionAlgorithm>>(info, first, second, m_swapped);
+  if (are_both && !has_mesh(*first->getCollisionObject()) && !has_mesh(*second->getCollisionObject())) {
+    void *const memory = info.m_dispatcher1->allocateCollisionAlgorithm(sizeof(btCompoundCompoundCollisionAlgorithm));
+    return new (memory) btCompoundCompoundCollisionAlgorithm(info, first, second, false);
+  }
+  return create<PartsPair>(info, m_swapped);
 }
 
 btCollisionAlgorithm *ContactAlgorithms::Spheres::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
@@ -256,9 +304,7 @@ void ContactAlgorithms::enable(btCollisionDispatcher &dispatcher, btCollisionCon
   const auto *const of_planes = created_by(CONVEX_HULL_SHAPE_PROXYTYPE, STATIC_PLANE_PROXYTYPE);
   dispatcher.registerCollisionCreateFunc(SPHERE_SHAPE_PROXYTYPE, SPHERE_SHAPE_PROXYTYPE, &spheres_);
   dispatcher.registerCollisionCreateFunc(BOX_SHAPE_PROXYTYPE, BOX_SHAPE_PROXYTYPE, &boxes_);
-  // Soft bodies are shapes of another kind.
-  for (int type = 0; type < SOFTBODY_SHAPE_PROXYTYPE; ++type) {
-    if (type == COMPOUND_SHAPE_PROXYTYPE || type == EMPTY_SHAPE_PROXYTYPE) continue;
+  for (int type = 0; type < CONCAVE_SHAPES_START_HERE; ++type) {
     dispatcher.registerCollisionCreateFunc(COMPOUND_SHAPE_PROXYTYPE, type, &compound_first_);
     dispatcher.registerCollisionCreateFunc(type, COMPOUND_SHAPE_PROXYTYPE, &compound_second_);
   }

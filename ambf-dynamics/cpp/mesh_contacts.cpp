@@ -26,6 +26,8 @@ constexpr int MOST_GROUPS = 4;
 constexpr btScalar GROUP_COSINE = 0.9;
 // Share of the contact breaking threshold by which a point has to be deeper than others to be kept for its depth.
 constexpr btScalar SAME_DEPTH = 0.01;
+
+// Finds the contacts of one shape with the triangles near it, in the frame of the mesh.
 class Narrow final : public btTriangleCallback {
  public:
   Narrow(MeshContacts &memory, const MeshTopology &topology, const btConvexShape &shape, const btTransform &pose,
@@ -66,7 +68,8 @@ class Narrow final : public btTriangleCallback {
       normal = -normal;
       height = -above;
     }
-    if (height - shape_.getMargin() - mesh_margin_ > reach_) return;
+    const btVector3 nearest_point = pose_(solid().localGetSupportingVertexWithoutMargin(-normal * pose_.getBasis()));
+    if (normal.dot(nearest_point - corners[0]) - margin() - mesh_margin_ > reach_) return;
     const bool is_cut = !(height > 0);
     if (!is_cut || is_inside(corners, triangle, normal)) add_inside(corners, normal);
     for (int k = 0; k < 3; ++k) {

@@ -78,7 +78,9 @@ MeshTopology::MeshTopology(btGImpactMeshShape &shape) {
     joined.emplace_back(side.low, side.high);
     joined.emplace_back(side.high, side.low);
     const auto opposite = [&](size_t i) { return triangles[sides[i].triangle].corners[(sides[i].corner + 2) % 3]; };
-    const auto across = [&](size_t i) { return direction_from(vertices[side.low], vertices[side.high], vertices[opposite(i)]); };
+    const auto across = [&](size_t i) {
+      return direction_from(vertices[side.low], vertices[side.high], vertices[opposite(i)]);
+    };
     bool is_smooth = false;
     for (size_t i = first; i < last; ++i) {
       for (size_t k = i + 1; k < last; ++k) is_smooth |= (across(i) + across(k)).length() < SMOOTH_BEND;
