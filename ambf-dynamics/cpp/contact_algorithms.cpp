@@ -15,6 +15,8 @@
 #include <algorithm>
 #include <new>
 
+#include "approach.h"
+
 namespace {
 
 // Orientations that Bullet tries, and the number of points from which on it does not. As for polyhedra on planes.
@@ -29,16 +31,23 @@ bool is_deep(const btManifoldResult &result) {
   return least < -manifold->getContactBreakingThreshold();
 }
 
+// As in btCollisionDispatcher::getNewManifold.
+btScalar breaking_threshold(const btCollisionObject &object) {
+  return object.getCollisionShape()->getContactBreakingThreshold(gContactBreakingThreshold);
+}
+
 class ConvexPair final : public btConvexConvexAlgorithm {
  public:
   ConvexPair(const btCollisionAlgorithmConstructionInfo &info, const btCollisionObjectWrapper *first,
-             const btCollisionObjectWrapper *second, btConvexPenetrationDepthSolver *depth_solver)
+             const btCollisionObjectWrapper *second, btConvexPenetrationDepthSolver *depth_solver, NearContacts *near)
       : btConvexConvexAlgorithm(info.m_manifold, info, first, second, depth_solver, 0, 0),
-        depth_solver_(depth_solver) {}
+        depth_solver_(depth_solver),
+        near_(near) {}
 
   void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
                         const btDispatcherInfo &info, btManifoldResult *result) override {
     btConvexConvexAlgorithm::processCollision(first, second, info, result);
+    near_->add(*first, *second, *result, info.m_timeStep);
     if (!is_deep(*result)) return;
     btCollisionAlgorithmConstructionInfo made(m_dispatcher, 1);
     btConvexConvexAlgorithm perturbed(result->getPersistentManifold(), made, first, second, depth_solver_,
@@ -48,7 +57,96 @@ class ConvexPair final : public btConvexConvexAlgorithm {
 
  private:
   btConvexPenetrationDepthSolver *const depth_solver_;
+  NearContacts *const near_;
 };
+
+class BoxPair final : public btBoxBoxCollisionAlgorithm {
+ public:
+  BoxPair(const btCollisionAlgorithmConstructionInfo &info, const btCollisionObjectWrapper *first,
+          const btCollisionObjectWrapper *second, NearContacts *near)
+      : btBoxBoxCollisionAlgorithm(nullptr, info, first, second), near_(near) {}
+
+  void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
+                        const btDispatcherInfo &info, btManifoldResult *result) override {
+    btBoxBoxCollisionAlgorithm::processCollision(first, second, info, result);
+    near_->add(*first, *second, *result, info.m_timeStep);
+  }
+
+ private:
+  NearContacts *const near_;
+};
+
+// A compound and another shape, part by part. Bullet looks at the parts whose bounding boxes overlap, so that they have no
+// contacts before they do. Here they have them from the threshold on, and those of fast bodies before.
+class PartsPair final : public btCollisionAlgorithm {
+ public:
+  PartsPair(const btCollisionAlgorithmConstructionInfo &info, bool is_swapped)
+      : btCollisionAlgorithm(info), is_swapped_(is_swapped) {}
+
+  ~PartsPair() override {
+    for (int i = 0; i < parts_.size(); ++i) drop(i);
+  }
+
+  void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
+                        const btDispatcherInfo &info, btManifoldResult *result) override {
+    const btCollisionObjectWrapper &whole = is_swapped_ ? *second : *first, &other = is_swapped_ ? *first : *second;
+    const auto &compound = static_cast<const btCompoundShape &>(*whole.getCollisionShape());
+    if (parts_.size() != compound.getNumChildShapes()) parts_.resize(compound.getNumChildShapes(), nullptr);
+    const btCollisionObject &one = *whole.getCollisionObject(), &two = *other.getCollisionObject();
+    const btScalar threshold = std::min(breaking_threshold(one), breaking_threshold(two));
+    const btScalar reach = std::max(threshold, Approach(one, two, info.m_timeStep).bound());
+    btVector3 low, high, part_low, part_high;
+    other.getCollisionShape()->getAabb(other.getWorldTransform(), low, high);
+    low -= btVector3(reach, reach, reach);
+    high += btVector3(reach, reach, reach);
+    for (int i = 0; i < parts_.size(); ++i) {
+      const btCollisionShape &shape = *compound.getChildShape(i);
+      const btTransform pose = whole.getWorldTransform() * compound.getChildTransform(i);
+      shape.getAabb(pose, part_low, part_high);
+      if (!TestAabbAgainstAabb2(low, high, part_low, part_high)) {
+        drop(i);
+        continue;
+      }
+      const btCollisionObjectWrapper part(&whole, &shape, &one, pose, -1, i);
+      if (!parts_[i]) parts_[i] = m_dispatcher->findAlgorithm(&part, &other, nullptr, BT_CONTACT_POINT_ALGORITHMS);
+      if (!parts_[i]) continue;
+      const bool is_first = result->getBody0Internal() == &one;
+      const btCollisionObjectWrapper *const before = is_first ? result->getBody0Wrap() : result->getBody1Wrap();
+      is_first ? result->setBody0Wrap(&part) : result->setBody1Wrap(&part);
+      parts_[i]->processCollision(&part, &other, info, result);
+      is_first ? result->setBody0Wrap(before) : result->setBody1Wrap(before);
+    }
+  }
+
+  btScalar calculateTimeOfImpact(btCollisionObject *, btCollisionObject *, const btDispatcherInfo &,
+                                 btManifoldResult *) override {
+    return 1;
+  }
+
+  void getAllContactManifolds(btManifoldArray &all) override {
+    for (int i = 0; i < parts_.size(); ++i) {
+      if (parts_[i]) parts_[i]->getAllContactManifolds(all);
+    }
+  }
+
+ private:
+  void drop(int i) {
+    if (!parts_[i]) return;
+    parts_[i]->~btCollisionAlgorithm();
+    m_dispatcher->freeCollisionAlgorithm(parts_[i]);
+    parts_[i] = nullptr;
+  }
+
+  const bool is_swapped_;
+  // By the index of the part; null: it is far from the other shape.
+  btAlignedObjectArray<btCollisionAlgorithm *> parts_;
+};
+
+bool has_mesh(const btCollisionObject &object) {
+  const AmbObject *const owner = object_of(&object);
+  if (owner->kind == ObjectKind::Ghost) return static_cast<const AmbGhost *>(owner)->shape->needs_gimpact;
+  return owner->kind == ObjectKind::Body && static_cast<const AmbBody *>(owner)->shape->needs_gimpact;
+}
 
 class SpherePair final : public btSphereSphereCollisionAlgorithm {
  public:
@@ -184,7 +282,24 @@ btCollisionAlgorithm *create(const btCollisionAlgorithmConstructionInfo &info, A
 btCollisionAlgorithm *ContactAlgorithms::Pairs::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
                                                                          const btCollisionObjectWrapper *first,
                                                                          const btCollisionObjectWrapper *second) {
-  return create<ConvexPair>(info, first, second, m_pdSolver);
+  return create<ConvexPair>(info, first, second, m_pdSolver, near);
+}
+
+btCollisionAlgorithm *ContactAlgorithms::Boxes::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+                                                                         const btCollisionObjectWrapper *first,
+                                                                         const btCollisionObjectWrapper *second) {
+  return create<BoxPair>(info, first, second, near);
+}
+
+btCollisionAlgorithm *ContactAlgorithms::Compounds::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+                                                                             const btCollisionObjectWrapper *first,
+                                                                             const btCollisionObjectWrapper *second) {
+  const bool are_both = first->getCollisionShape()->isCompound() && second->getCollisionShape()->isCompound();
+  if (are_both && !has_mesh(*first->getCollisionObject()) && !has_mesh(*second->getCollisionObject())) {
+    void *const memory = info.m_dispatcher1->allocateCollisionAlgorithm(sizeof(btCompoundCompoundCollisionAlgorithm));
+    return new (memory) btCompoundCompoundCollisionAlgorithm(info, first, second, false);
+  }
+  return create<PartsPair>(info, m_swapped);
 }
 
 btCollisionAlgorithm *ContactAlgorithms::Spheres::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
@@ -206,6 +321,12 @@ void ContactAlgorithms::enable(btCollisionDispatcher &dispatcher, btCollisionCon
   const auto *const of_pairs = created_by(CONVEX_HULL_SHAPE_PROXYTYPE, CONVEX_HULL_SHAPE_PROXYTYPE);
   const auto *const of_planes = created_by(CONVEX_HULL_SHAPE_PROXYTYPE, STATIC_PLANE_PROXYTYPE);
   dispatcher.registerCollisionCreateFunc(SPHERE_SHAPE_PROXYTYPE, SPHERE_SHAPE_PROXYTYPE, &spheres_);
+  dispatcher.registerCollisionCreateFunc(BOX_SHAPE_PROXYTYPE, BOX_SHAPE_PROXYTYPE, &boxes_);
+  for (int type = 0; type < CONCAVE_SHAPES_START_HERE; ++type) {
+    dispatcher.registerCollisionCreateFunc(COMPOUND_SHAPE_PROXYTYPE, type, &compound_first_);
+    dispatcher.registerCollisionCreateFunc(type, COMPOUND_SHAPE_PROXYTYPE, &compound_second_);
+  }
+  dispatcher.registerCollisionCreateFunc(COMPOUND_SHAPE_PROXYTYPE, COMPOUND_SHAPE_PROXYTYPE, &compound_first_);
   for (int first = 0; first < CONCAVE_SHAPES_START_HERE; ++first) {
     for (int second = 0; second < CONCAVE_SHAPES_START_HERE; ++second) {
       if (created_by(first, second) == of_pairs) dispatcher.registerCollisionCreateFunc(first, second, &pairs_);
@@ -214,4 +335,11 @@ void ContactAlgorithms::enable(btCollisionDispatcher &dispatcher, btCollisionCon
     dispatcher.registerCollisionCreateFunc(first, STATIC_PLANE_PROXYTYPE, &plane_second_);
     dispatcher.registerCollisionCreateFunc(STATIC_PLANE_PROXYTYPE, first, &plane_first_);
   }
+}
+
+void ContactAlgorithms::add_mesh(const AmbShape &shape, btCollisionDispatcher &dispatcher) {
+  MeshContacts::prepare(shape);
+  meshes_.enable(dispatcher);
+  dispatcher.registerCollisionCreateFunc(COMPOUND_SHAPE_PROXYTYPE, GIMPACT_SHAPE_PROXYTYPE, &compound_first_);
+  dispatcher.registerCollisionCreateFunc(GIMPACT_SHAPE_PROXYTYPE, COMPOUND_SHAPE_PROXYTYPE, &compound_second_);
 }

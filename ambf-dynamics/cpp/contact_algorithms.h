@@ -1,4 +1,5 @@
-// Contacts of convex shapes that Bullet's algorithms do not find. C++ only.
+// Contacts that Bullet's algorithms do not find: of convex shapes, here; of those that do not touch yet, near_contacts.h; of
+// meshes, mesh_contacts.h. C++ only.
 //
 // Deep pairs. Bullet finds one point of a pair of convex shapes in each sub-step, the deepest, and keeps up to four of
 // them while they hardly move. A shape that lands flat, or a rod on a rod beside it, is thus held by one point of its
@@ -15,9 +16,13 @@
 #ifndef AMB_CONTACT_ALGORITHMS_H
 #define AMB_CONTACT_ALGORITHMS_H
 
+#include <BulletCollision/CollisionDispatch/btBoxBoxCollisionAlgorithm.h>
 #include <BulletCollision/CollisionDispatch/btConvexConvexAlgorithm.h>
 #include <BulletCollision/CollisionDispatch/btConvexPlaneCollisionAlgorithm.h>
 #include <BulletCollision/NarrowPhaseCollision/btGjkEpaPenetrationDepthSolver.h>
+
+#include "mesh_contacts.h"
+#include "near_contacts.h"
 
 class btCollisionConfiguration;
 class btCollisionDispatcher;
@@ -25,12 +30,30 @@ class btCollisionDispatcher;
 // Registers algorithms that find them. It has to outlive the dispatcher.
 class ContactAlgorithms {
  public:
-  ContactAlgorithms() : pairs_(&depth_solver_) { plane_first_.m_swapped = true; }
+  ContactAlgorithms() : pairs_(&depth_solver_), meshes_(depth_solver_) {
+    plane_first_.m_swapped = true;
+    compound_second_.m_swapped = true;
+    pairs_.near = boxes_.near = &near_;
+  }
   void enable(btCollisionDispatcher &dispatcher, btCollisionConfiguration &configuration);
+  // To be called with each shape that is or has a mesh, after Bullet has registered its algorithms for meshes.
+  void add_mesh(const AmbShape &shape, btCollisionDispatcher &dispatcher);
 
  private:
   struct Pairs final : btConvexConvexAlgorithm::CreateFunc {
     using CreateFunc::CreateFunc;
+    btCollisionAlgorithm *CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+                                                   const btCollisionObjectWrapper *first,
+                                                   const btCollisionObjectWrapper *second) override;
+    NearContacts *near = nullptr;
+  };
+  struct Boxes final : btCollisionAlgorithmCreateFunc {
+    btCollisionAlgorithm *CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
+                                                   const btCollisionObjectWrapper *first,
+                                                   const btCollisionObjectWrapper *second) override;
+    NearContacts *near = nullptr;
+  };
+  struct Compounds final : btCollisionAlgorithmCreateFunc {
     btCollisionAlgorithm *CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
                                                    const btCollisionObjectWrapper *first,
                                                    const btCollisionObjectWrapper *second) override;
@@ -47,9 +70,13 @@ class ContactAlgorithms {
   };
 
   btGjkEpaPenetrationDepthSolver depth_solver_;
+  NearContacts near_;
   Pairs pairs_;
+  Boxes boxes_;
   Spheres spheres_;
   Planes plane_second_, plane_first_;
+  Compounds compound_first_, compound_second_;
+  MeshContacts meshes_;
 };
 
 #endif

@@ -28,6 +28,10 @@ void EngineWorld::make_world(btConstraintSolver &made) {
   world.articulated = fill_world<ArticulatedWorld>(world, static_cast<btMultiBodyConstraintSolver *>(&made));
 }
 
+void EngineWorld::mesh_comes(const AmbShape &shape) {
+  if (solver == AmbSolver_Accurate) contact_algorithms.add_mesh(shape, world.dispatcher);
+}
+
 void EngineWorld::before_motion(const btAlignedObjectArray<btRigidBody *> &bodies, btScalar dt) {
   if (solver == AmbSolver_Accurate) limit_turns(*this, dt);
   if (has_continuous) find_impacts(*this, bodies, dt);

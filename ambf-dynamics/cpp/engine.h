@@ -31,6 +31,7 @@ class EngineWorld final : public Extension {
   void add_algorithms(btCollisionDispatcher &dispatcher) override;
   std::unique_ptr<btConstraintSolver> make_solver(btMLCPSolverInterface *mlcp) override;
   void make_world(btConstraintSolver &made) override;
+  void mesh_comes(const AmbShape &shape) override;
   void before_sub_step(btScalar h) override;
   void after_sub_step(btScalar h) override;
   void before_motion(const btAlignedObjectArray<btRigidBody *> &bodies, btScalar dt) override;

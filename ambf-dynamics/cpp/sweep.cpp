@@ -316,6 +316,7 @@ int amb_world_set_continuous(AmbWorld *world, AmbBody *body, int enabled) {
   }
   const btScalar radius = enabled ? known.load() : 0;
   body->swept_radius = SWEPT_SHARE * radius;
+  body->is_continuous = enabled;
   engine_of(*world).has_continuous |= body->swept_radius > 0;
   return body->swept_radius > 0;
 }

@@ -11,6 +11,7 @@
 #include <cmath>
 #include <cstdint>
 #include <memory>
+#include <mutex>
 
 #include <BulletDynamics/MLCPSolvers/btMLCPSolverInterface.h>
 #include <btBulletDynamicsCommon.h>
@@ -24,6 +25,14 @@ extern "C" {
 struct AmbArticulation;
 class ExternalConstraintRows;
 class ArticulatedWorld;
+// What an engine finds out of a mesh, opaque here.
+struct MeshTopology;
+
+// The user pointer of a mesh shape points at it. Twins (amb_shape_twin) share it; the first world that needs it makes it.
+struct TopologyHolder {
+  std::once_flag is_made;
+  std::shared_ptr<const MeshTopology> topology;
+};
 
 // The part of an engine in one world. It is created before everything else in the world and destroyed last. The world's
 // arena is entered during both, and during every call below that may allocate.
@@ -41,6 +50,10 @@ class Extension {
   // Makes a world of kind AmbWorldKind_Articulated by `fill_world` (substepped_world.h). Its solver is that of
   // `make_solver`.
   virtual void make_world(btConstraintSolver &solver) = 0;
+
+  // An object whose shape is, or has as a part, a mesh that is not convex comes into the world. Bullet has registered its
+  // algorithms for such shapes.
+  virtual void mesh_comes(const AmbShape &shape) = 0;
 
   // Around a sub-step of h s; Bullet's tick callbacks come between.
   virtual void before_sub_step(btScalar h) = 0;
@@ -153,6 +166,8 @@ struct EngineBody : BodyMemory {
   std::unique_ptr<btTypedConstraint> drive;
   // Radius, m, of the sphere that is swept when the body moves further than that in a sub-step; 0: never.
   btScalar swept_radius = 0;
+  // Whether continuous collision detection is enabled.
+  bool is_continuous = false;
 };
 
 // The user pointer of constraints that can be driven, that are springs, or of which rows are left out points at their

@@ -33,6 +33,8 @@ struct AmbShape {
   std::shared_ptr<btCollisionShape> shape;
   // What twins need to find out only once: radius of the largest sphere about the origin within the shape; negative: not known.
   std::shared_ptr<std::atomic<double>> inner_radius = std::make_shared<std::atomic<double>>(-1.0);
+  // Of a mesh that is not convex.
+  std::shared_ptr<TopologyHolder> topology;
   bool needs_gimpact = false;
   // A hull of a decomposition; in a compound its user index is its place among the children.
   bool is_part = false;

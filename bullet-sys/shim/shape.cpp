@@ -138,6 +138,8 @@ AmbShape *amb_shape_gimpact(const double *vertices, int n, const unsigned *trian
   AmbShape *owner = own(shape, margin);
   shape->updateBound();
   owner->mesh = std::move(mesh);
+  owner->topology = std::make_shared<TopologyHolder>();
+  shape->setUserPointer(owner->topology.get());
   owner->needs_gimpact = true;
   return owner;
 }
@@ -189,13 +191,15 @@ AmbShape *amb_shape_twin(const AmbShape *shape) {
     case GIMPACT_SHAPE_PROXYTYPE:
       owner->shape = gimpact_twin(static_cast<btGImpactMeshShape &>(*shape->shape), shape->mesh.get());
       owner->original = shape->original ? shape->original : shape->shape;
+      owner->topology = shape->topology;
+      owner->shape->setUserPointer(owner->topology.get());
       break;
     default:
       // Hulls, convex meshes and primitives are never written to once they are made: what collision detection, rays, bounding
       // boxes and inertia call is const, and computes nothing on demand. Writers would be setMargin and setLocalScaling, which
       // are called in `own` only, recalcLocalAabb (amb_shape_simplify, before there are twins), setUserIndex
-      // (amb_shape_compound_add, before as well), initializePolyhedralFeatures and the user pointer of a shape, which nobody
-      // uses. Bodies keep what is theirs in the collision object.
+      // (amb_shape_compound_add, before as well), initializePolyhedralFeatures, which nobody uses, and the user pointer of a
+      // shape, which is that of meshes (amb_shape_gimpact). Bodies keep what is theirs in the collision object.
       owner->shape = shape->shape;
   }
   return owner;

@@ -76,6 +76,7 @@ void AmbWorld::adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle)
     btGImpactCollisionAlgorithm::registerAlgorithm(&dispatcher);
     has_gimpact = true;
   }
+  if (shape && shape->needs_gimpact && extension) extension->mesh_comes(*shape);
   object.index = next_index++;
   object.handle = handle;
 }

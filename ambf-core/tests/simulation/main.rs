@@ -19,6 +19,7 @@ mod physics_elements;
 mod physics_faults;
 mod physics_joints;
 mod physics_jumps;
+mod physics_meshes;
 mod physics_motion;
 mod physics_press;
 mod physics_sleep;

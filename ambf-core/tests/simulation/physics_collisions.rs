@@ -140,6 +140,78 @@ fn a_fast_ball_is_stopped_by_a_thin_wall_in_the_accurate_profile_and_on_request(
     assert!(passes_a_wall("accurate", ", continuous collision: false"));
 }
 
+/// A world of the accurate profile with sub-steps of `step` s.
+fn accurate(step: f64, text: &str) -> Bench {
+    let world = format!("gravity: {{x: 0, y: 0, z: -10}}\nphysics: {{profile: accurate, sub step: {step}}}\n");
+    let loaded = crate::physics_common::load_texts(&world, &[text]);
+    assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
+    Bench(ambf_core::sim::Simulation::new(loaded.scene, step))
+}
+
+/// Contacts of boxes used to be found only where they overlap, two sub-steps late.
+#[test]
+fn boxes_that_stand_exactly_on_each_other_do_not_sink() {
+    let body = |name: &str, mass: f64, size: f64, z: f64| {
+        format!(
+            "BODY {name}: {{name: {name}, mass: {mass}, location: {{position: {{x: 0, y: 0, z: {z}}}}}, collision shape: Box, \
+             restitution: 0, collision geometry: {{x: {size}, y: {size}, z: {size}}}}}\n"
+        )
+    };
+    let text = format!(
+        "bodies: [BODY Slab, BODY Low, BODY High]\n{}{}{}",
+        body("Slab", 0.0, 2.0, -1.0),
+        body("Low", 1.0, 0.2, 0.1),
+        body("High", 1.0, 0.2, 0.3)
+    );
+    for step in [0.001, 0.01] {
+        let mut bench = accurate(step, &text);
+        for _ in 0..50 {
+            bench.update(step);
+            close(bench.position("High").z, 0.3, 1e-5);
+        }
+    }
+}
+
+/// Rods, sheets, discs and needles used to go through: the sphere that is swept does not see their ends.
+#[test]
+fn thin_bodies_do_not_fall_through_thin_plates() {
+    let shapes = [
+        "collision shape: Box, collision geometry: {x: 0.03, y: 0.001, z: 0.001}",
+        "collision shape: Box, collision geometry: {x: 0.03, y: 0.03, z: 0.001}",
+        "collision shape: Cylinder, collision geometry: {radius: 0.02, height: 0.001, axis: z}",
+        "collision shape: Capsule, collision geometry: {radius: 0.0005, height: 0.03, axis: y}",
+    ];
+    for (step, thickness) in [(0.001, 0.001), (0.001, 0.002), (0.005, 0.002), (0.005, 0.01)] {
+        for (k, shape) in shapes.iter().enumerate() {
+            let names: Vec<_> = (0..12).map(|i| format!("BODY B{i}")).collect();
+            let mut text = format!(
+                "bodies: [BODY Plate, {}]\nBODY Plate: {{name: Plate, mass: 0, location: {{position: {{x: 0.9, y: 0, z: {}}}}}, \
+                 collision shape: Box, collision geometry: {{x: 3, y: 0.5, z: {thickness}}}}}\n",
+                names.join(", "),
+                -thickness / 2.0
+            );
+            for i in 0..12 {
+                let turn = |f: f64| 0.6 * (f64::from(i) * f + k as f64).sin();
+                text += &format!(
+                    "BODY B{i}: {{name: B{i}, mass: 0.001, location: {{position: {{x: {}, y: 0, z: {}}}, \
+                     orientation: {{r: {}, p: {}, y: {}}}}}, restitution: 0, {shape}}}\n",
+                    0.15 * f64::from(i),
+                    0.2 + 0.001 * f64::from(i),
+                    turn(1.3),
+                    turn(2.1),
+                    turn(0.7)
+                );
+            }
+            let mut bench = accurate(step, &text);
+            (0..(0.5 / step) as u32).for_each(|_| bench.update(step));
+            for i in 0..12 {
+                let z = bench.position(&format!("B{i}")).z;
+                assert!(z > 0.0, "{shape}, plate {thickness} m, step {step} s, body {i}: {z}");
+            }
+        }
+    }
+}
+
 #[test]
 fn continuous_collision_of_a_body_without_an_inside_is_refused() {
     let text = "bodies: [BODY A, BODY B]\nBODY A: {name: A, mass: 1, continuous collision: true}\nBODY B: {name: B, mass: 1}\n";
