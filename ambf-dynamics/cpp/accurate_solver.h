@@ -986,7 +986,13 @@ class AccurateSolver : public Base {
         seen.residual = std::max(seen.residual, found.residual);
         shared_budget_ = budget;
         if (first) first->guess_tolerance = found.guess_tolerance;
-        if (island) island->drive_yielding = is_first ? DriveYielding::lowered(yielding, opened) : yielding;
+        if (!island) return outcome;
+        island->drive_yielding = is_first ? DriveYielding::lowered(yielding, opened) : yielding;
+        if (!is_first && yielding > 0 && DriveYielding::is_in_vain(unyielding, opened)) {
+          // The budget ended.
+          island->drive_yielding = 0;
+          island->drives_yielded_in_vain = sub_step_;
+        }
         return outcome;
       }
     }

@@ -508,6 +508,7 @@ void AmbArticulation::integrate_free_motion(btScalar h) {
     dynamics.step(h, position, rate, free_position, free_rate);
     joint_rows->take_drives();
     has_rows = false;
+    return_to_limits(h);
     return;
   }
   joint_rows->plan_motors(h);
@@ -516,6 +517,20 @@ void AmbArticulation::integrate_free_motion(btScalar h) {
   free_internal_energy = dynamics.internal_energy();
   joint_rows->plan_limits(h);
   has_rows = joint_rows->any() || has_contact || external_constraint_count > 0 || is_driven();
+}
+
+// Plans the return of coordinates to limits that the free motion passes as a correction of positions, which does not move
+// the mass centre of a free base.
+void AmbArticulation::return_to_limits(btScalar h) {
+  if (!dynamics.way_to_limits(h, position, free_position, correction.q)) return;
+  is_corrected = true;
+  for (btScalar &q : correction.q) q /= h;
+  correction.angular.setZero();
+  correction.linear.setZero();
+  if (dynamics.fixed_base) return;
+  dynamics.update_poses(free_position);
+  dynamics.update_velocities(correction);
+  dynamics.set_momentum({}, dynamics.mass_centre(), correction);
 }
 
 void AmbArticulation::prepare_rows(btScalar h) {

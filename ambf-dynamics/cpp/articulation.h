@@ -119,6 +119,7 @@ struct AmbArticulation {
   void choose_springs(btScalar h);
   void follow_base();
   void write_proxies();
+  void return_to_limits(btScalar h);
   bool had_impulses() const;
   bool is_driven() const;
   // What a sub-step with rows leaves to be restored at the new position: the momentum of a free base about the mass

@@ -44,11 +44,14 @@ void ArticulationDynamics::load_drives() {
       drive_pull[k] += (drive.target - start_rate.q[k]) / (drive.softness * drive_step);
       continue;
     }
-    // Where several rigid drives act, a motor that leads away from a limit overrules it, and a limit any other motor.
+    // Where several rigid drives act, a motor that leads away from a limit overrules it, and a limit any other motor. A joint
+    // whose limits are equal does not move.
     const int other = given_by[k];
-    if (other < 0 || (drive.is_limit && (drives[other].target - drive.target) * drive.side < 0)) {
+    const bool is_locked = drive.is_limit && drive.side == 0;
+    if (other < 0 || is_locked || (drive.is_limit && (drives[other].target - drive.target) * drive.side < 0)) {
       given_by[k] = static_cast<int>(i);
-    } else if (!drive.is_limit && drives[other].is_limit && (drive.target - drives[other].target) * drives[other].side >= 0) {
+    } else if (!drive.is_limit && drives[other].is_limit && drives[other].side != 0 &&
+               (drive.target - drives[other].target) * drives[other].side >= 0) {
       given_by[k] = static_cast<int>(i);
     }
   }
@@ -91,9 +94,10 @@ void ArticulationDynamics::measure_drives(const Rate &acceleration) {
       const int k = drive.coordinate, given = given_by[k];
       btScalar low = -BT_LARGE_FLOAT, high = BT_LARGE_FLOAT;
       if (given != static_cast<int>(i)) {
-        const btScalar side = drives[given].side;
-        low = !of_limits && side >= 0 ? drive.low : 0;
-        high = !of_limits && side <= 0 ? drive.high : 0;
+        const Drive &holder = drives[given];
+        const bool helps = !of_limits && !(holder.is_limit && holder.side == 0);
+        low = helps && holder.side >= 0 ? drive.low : 0;
+        high = helps && holder.side <= 0 ? drive.high : 0;
       }
       drive.impulse = std::min(std::max(rest_impulse[k], low), high);
       rest_impulse[k] -= drive.impulse;
@@ -158,8 +162,23 @@ void ArticulationDynamics::settle_drives(const Position &from, Rate &acceleratio
     load_drives();
     accelerate(from, start_rate, acceleration);
     measure_drives(acceleration);
-    if (round == MAX_ROUNDS || !pivot_drives(acceleration, round >= MAX_BLOCK_ROUNDS)) return;
+    if (round == MAX_ROUNDS || !pivot_drives(acceleration, round >= MAX_BLOCK_ROUNDS)) break;
   }
+  for (Drive &drive : drives) drive.start_state = drive.state;
+}
+
+// Finds the accelerations at the beginning once more, with the states of the drives there.
+void ArticulationDynamics::begin_again(const Position &from, Rate &acceleration) {
+  update_poses(from);
+  update_velocities(start_rate);
+  for (Drive &drive : drives) drive.state = drive.start_state;
+  if (drive_step > 0) load_drives();
+  accelerate_driven(from, start_rate, acceleration);
+}
+
+// Whether drives determine the acceleration of a joint.
+bool ArticulationDynamics::is_driven(const Link &link) const {
+  return drive_step > 0 && link.freedoms() == 1 && (given_by[link.coordinate] >= 0 || drive_inertia[link.coordinate] > 0);
 }
 
 // Accelerations within the step, where motors may reach their bounds.
@@ -196,24 +215,26 @@ bool ArticulationDynamics::catch_limits(const Position &from, const Position &to
     if (drive.side == 0 || is_free(drive) || drive.gap < 0) continue;
     const int k = drive.coordinate;
     if (drive.gap + drive.side * (to.q[k] - from.q[k]) >= 0 || drive.side * (rate.q[k] - drive.target) >= 0) continue;
-    drive.state = Drive::State::Free;
+    drive.start_state = Drive::State::Free;
     caught = true;
   }
-  if (caught) load_drives();
   return caught;
 }
 
-// Moves coordinates back that the step takes beyond their limits, and by a share of what they were beyond them before.
-void ArticulationDynamics::return_to_limits(const Position &from, Position &to) const {
+bool ArticulationDynamics::way_to_limits(btScalar h, const Position &from, const Position &to, Vector<btScalar> &back) const {
+  bool found = false;
   for (const Drive &drive : drives) {
     if (!drive.is_limit) continue;
     const int k = drive.coordinate;
-    btScalar &q = to.q[k];
-    const btScalar gap = drive.gap + (drive.side == 0 ? 1 : drive.side) * (q - from.q[k]);
-    if (drive.side != 0 && gap >= 0) continue;
-    // An angle returns at most at MAX_RETURN_RATE, a displacement at MAX_RETURN_SPEED.
-    const btScalar most = (drive.is_angle ? MAX_RETURN_RATE : MAX_RETURN_SPEED) * drive_step;
-    const btScalar back = drive.gap < 0 || drive.side == 0 ? std::clamp(-gap * LIMIT_ERP, -most, most) : -gap;
-    q += (drive.side == 0 ? 1 : drive.side) * back;
+    const btScalar side = drive.side == 0 ? 1 : drive.side;
+    const btScalar gap = drive.gap + side * (to.q[k] - from.q[k]);
+    if (drive.side != 0 ? gap >= 0 : gap == 0) continue;
+    // A limit that was violated before is returned to at a bounded speed.
+    const btScalar most = (drive.is_angle ? MAX_RETURN_RATE : MAX_RETURN_SPEED) * h;
+    const btScalar way = drive.gap < 0 || drive.side == 0 ? std::clamp(-gap * LIMIT_ERP, -most, most) : -gap;
+    if (!found) back.assign(coordinates, 0);
+    found = true;
+    back[k] = side * way;
   }
+  return found;
 }

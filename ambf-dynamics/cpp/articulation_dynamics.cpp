@@ -532,15 +532,16 @@ void ArticulationDynamics::bound_acceleration(btScalar h, const Position &from, 
   // Forces on one coordinate after the other disturb those before.
   constexpr int MAX_ROUNDS = 4;
   const btScalar most = SIMD_HALF_PI / (h * h);
-  if (!(fastest_coordinate(acceleration) > most)) return;
+  if (!(fastest_undriven(acceleration) > most)) return;
   // Fast motion accelerates joints, too, which smaller steps resolve: only what forces do at rest counts here.
   for (btScalar &q : stage_rate.q) q = 0;
   stage_rate.angular.setZero();
   stage_rate.linear.setZero();
   update_velocities(stage_rate);
   accelerate(from, stage_rate, acceleration);
-  for (int round = 0; round < MAX_ROUNDS && fastest_coordinate(acceleration) > most; ++round) {
+  for (int round = 0; round < MAX_ROUNDS && fastest_undriven(acceleration) > most; ++round) {
     for (const Link &link : links) {
+      if (is_driven(link)) continue;
       for (int k = link.sliding; k < link.freedoms(); ++k) {
         const int coordinate = link.coordinate + k;
         const btScalar change = joint_speed(link, acceleration);
@@ -554,7 +555,16 @@ void ArticulationDynamics::bound_acceleration(btScalar h, const Position &from, 
     }
   }
   update_velocities(rate);
-  accelerate(from, rate, acceleration);
+  accelerate_driven(from, rate, acceleration);
+}
+
+// As `fastest_coordinate`, of the joints that no drive accelerates.
+btScalar ArticulationDynamics::fastest_undriven(const Rate &rate) const {
+  btScalar fastest = 0;
+  for (const Link &link : links) {
+    if (!is_driven(link)) fastest = std::max(fastest, joint_speed(link, rate));
+  }
+  return fastest;
 }
 
 btScalar ArticulationDynamics::fastest_coordinate(const Rate &rate) const {
@@ -676,7 +686,6 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   const bool is_measured = h * largest_component(slopes[0]) < MAX_CHANGE;
   unbounded_forces = generalised_forces;
   if (is_measured) bound_acceleration(h, from, start_rate, slopes[0]);
-  if (drive_step > 0 && generalised_forces != unbounded_forces) measure_drives(slopes[0]);
   const btScalar phases = std::max(h * btSqrt(stiffness) / MAX_PHASE, h * fastest / MAX_TURN);
   // The comparison is false for NaN.
   int parts = phases > 1 ? static_cast<int>(std::min(std::ceil(phases), btScalar(MAX_PARTS))) : 1;
@@ -703,9 +712,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
         (after <= 0 || after <= allowed + slack || after <= allowed + slack + rounding_of_work(from))) {
       if (has_caught || !catch_limits(from, to, new_rate)) break;
       has_caught = true;
-      update_poses(from);
-      update_velocities(start_rate);
-      accelerate_driven(from, start_rate, slopes[0]);
+      begin_again(from, slopes[0]);
       continue;
     }
     const int most = std::isfinite(after) ? MAX_PARTS : MAX_PARTS_TO_FINITE;
@@ -723,11 +730,8 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
       break;
     }
     parts = std::min(parts * REFINEMENT, most);
-    update_poses(from);
-    update_velocities(start_rate);
-    accelerate_driven(from, start_rate, slopes[0]);
+    begin_again(from, slopes[0]);
   }
-  if (drive_step > 0) return_to_limits(from, to);
   drive_step = 0;
   std::swap(generalised_forces, unbounded_forces);
   // In this order: velocities of which only little is left may be so large that the momentum is lost to rounding.

@@ -80,6 +80,8 @@ class ArticulationDynamics {
     btScalar gap = 0;
     bool is_angle = false;
     enum class State { Free, Low, High } state = State::Free;
+    // At the beginning of the step.
+    State start_state = State::Free;
     // At the last evaluation; and mean over the step, with its work, J.
     btScalar impulse = 0, mean_impulse = 0, work = 0;
   };
@@ -141,6 +143,9 @@ class ArticulationDynamics {
   btScalar start_energy = 0;
   // Largest angular velocity of a link or joint then, rad/s.
   btScalar start_rotation = 0;
+  // After a step with drives over h s: finds displacements `back`, rad or m, by which coordinates return that passed their
+  // limits in it, and by a share of what they were beyond them before. Returns whether there are any.
+  bool way_to_limits(btScalar h, const Position &from, const Position &to, Vector<btScalar> &back) const;
   // Instead of the last step: moves over h s along the tangent, with constant rates, without forces but those on the
   // centre of mass of a free base. Near singular positions of links of next to no inertia the rates are finite for an
   // instant only, and no step of useful length follows them. Returns the internal energy that the work of the forces
@@ -270,7 +275,9 @@ class ArticulationDynamics {
   void begin_drive_sums();
   void add_drive_sums(btScalar time, const Rate &rate);
   bool catch_limits(const Position &from, const Position &to, const Rate &rate);
-  void return_to_limits(const Position &from, Position &to) const;
+  void begin_again(const Position &from, Rate &acceleration);
+  bool is_driven(const Link &link) const;
+  btScalar fastest_undriven(const Rate &rate) const;
   void runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   void divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   btScalar fastest_coordinate(const Rate &rate) const;

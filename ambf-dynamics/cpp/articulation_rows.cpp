@@ -20,6 +20,9 @@ constexpr btScalar MAX_FEEDFORWARD_MOTION = 0.02;
 // Difference of accelerations times h^2 up to which fed-forward forces are not refuted, rad or m.
 constexpr btScalar LEAST_REFUTED = 1e-6;
 
+// Largest number of rows of the limits of a joint of several coordinates.
+constexpr int MAX_ROWS = 6;
+
 // The one that is nearer to 0 of two numbers of the same sign; else 0.
 btScalar common_part(btScalar a, btScalar b) { return a * b > 0 ? (btFabs(a) < btFabs(b) ? a : b) : 0; }
 
@@ -33,6 +36,8 @@ JointRows::JointRows(AmbArticulation &owner)
   // spring.
   m_numRows = 6 * owner.dynamics.coordinates + 3 * static_cast<int>(owner.springs.size());
   m_data.resize(m_numRows);
+  planned.reserve(m_numRows + MAX_ROWS * owner.members.size());
+  owner.dynamics.drives.reserve(m_numRows);
   reset();
 }
 
@@ -99,7 +104,6 @@ void JointRows::plan_limits_of(AmbConstraint &joint, size_t member, btScalar h) 
   btTypedConstraint &constraint = *joint.constraint;
   btTypedConstraint::btConstraintInfo1 sizes;
   constraint.getInfo1(&sizes);
-  constexpr int MAX_ROWS = 6;
   btVector3 linear[2 * MAX_ROWS], angular[2 * MAX_ROWS];
   btVector3 bounds[MAX_ROWS], errors[MAX_ROWS];
   for (int k = 0; k < 2 * MAX_ROWS; ++k) linear[k] = angular[k] = btVector3(0, 0, 0);
@@ -213,7 +217,7 @@ void JointRows::plan_bound(int coordinate, btScalar side, btScalar target, btSca
 
 void JointRows::plan_drives(btScalar h) {
   ArticulationDynamics &dynamics = articulation.dynamics;
-  remember_rates(h);
+  remember(h);
   planned.clear();
   dynamics.drives.clear();
   std::fill(dynamics.generalised_forces.begin(), dynamics.generalised_forces.end(), 0);
@@ -260,11 +264,22 @@ btScalar JointRows::coordinate_within(int coordinate, btScalar low, btScalar hig
   return is_angle ? centre + std::remainder(q - centre, 2 * SIMD_PI) : q;
 }
 
-// Keeps the rates at the beginning of this sub-step, and how they changed in the last one.
-void JointRows::remember_rates(btScalar h) {
+// Keeps the rates at the beginning of this sub-step, how they changed in the last one, and the forces and impulses of that.
+void JointRows::remember(btScalar h) {
   for (size_t k = 0; k < last_rate.size(); ++k) {
     last_change[k] = step > 0 ? (articulation.rate.q[k] - last_rate[k]) * (h / step) : 0;
     last_rate[k] = articulation.rate.q[k];
+  }
+  std::fill(forces.begin(), forces.end(), 0);
+  // What holds a joint at its limit is fed forward, and what stops it there is not.
+  steady_impulses = limit_impulses;
+  std::fill(limit_impulses.begin(), limit_impulses.end(), 0);
+  for (size_t i = 0; i < planned.size(); ++i) {
+    if (planned[i].source >= 0) {
+      forces[planned[i].source] = (planned[i].feedforward + m_data[i]) / step;
+    } else if (planned[i].source == LIMIT && planned[i].member == 0 && m_data[i] != 0) {
+      limit_impulses[planned[i].coordinate] = m_data[i];
+    }
   }
 }
 
@@ -281,22 +296,11 @@ btScalar JointRows::target_of(const ArticulationDynamics::Spring &spring, btScal
 }
 
 void JointRows::plan_motors(btScalar h) {
-  remember_rates(h);
+  remember(h);
   are_drives = false;
   articulation.dynamics.drives.clear();
-  std::fill(forces.begin(), forces.end(), 0);
-  // What holds a joint at its limit is fed forward, and what stops it there is not.
-  steady_impulses = limit_impulses;
-  std::fill(limit_impulses.begin(), limit_impulses.end(), 0);
   std::fill(limit_feedforward.begin(), limit_feedforward.end(), 0);
   feeds_limits = false;
-  for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source >= 0) {
-      forces[planned[i].source] = (planned[i].feedforward + m_data[i]) / step;
-    } else if (planned[i].source == LIMIT && planned[i].member == 0 && m_data[i] != 0) {
-      limit_impulses[planned[i].coordinate] = m_data[i];
-    }
-  }
   // What presses a joint against its limit is part of the free motion, which would turn the joint beyond it.
   std::fill(held_by_limits.begin(), held_by_limits.end(), 0);
   for (size_t i = 0; i < planned.size(); ++i) {

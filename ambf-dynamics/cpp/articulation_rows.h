@@ -101,7 +101,7 @@ class JointRows : public EngineRows {
   void plan_limit_drive(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar bounce, btScalar h);
   void plan_bound(int coordinate, btScalar side, btScalar target, btScalar gap, int source, bool is_angle);
   btScalar coordinate_within(int coordinate, btScalar low, btScalar high, bool is_angle) const;
-  void remember_rates(btScalar h);
+  void remember(btScalar h);
   bool motor_of(const AmbConstraint &joint, btScalar h, btScalar &target, btScalar &softness, btScalar &impulse) const;
   void plan_motor(const AmbConstraint &joint, int coordinate, btScalar h);
   void add_feedforward_row(Row row, btScalar h);

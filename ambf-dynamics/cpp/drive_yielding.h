@@ -24,7 +24,7 @@ class DriveYielding {
   static bool is_allowed(unsigned in_vain, unsigned sub_step) { return in_vain == 0 || sub_step - in_vain >= UNYIELDING; }
   // With a drive that is much softer than the joint the opening is in inverse proportion to its CFM.
   static double raised(double yielding, double opened) {
-    return std::min(std::max(yielding, 1.0) * std::max(opened / MOST_OPENED, 1 / LOWERED), MOST);
+    return std::min(std::max(yielding, 1.0) * std::max(opened / MOST_OPENED, LEAST_RAISED), MOST);
   }
   // After a sub-step that did not need more. It stays where it is just enough.
   static double lowered(double yielding, double opened) {
@@ -33,9 +33,9 @@ class DriveYielding {
   }
 
  private:
-  // Opening that is allowed in a sub-step. The yielding is a multiple of SOFTNESS, or 0: its change where it is lowered,
-  // and its largest value.
-  static constexpr double MOST_OPENED = 1e-5, LOWERED = 1 / 1.2, MOST = 1e5;
+  // Opening that is allowed in a sub-step. The yielding is a multiple of SOFTNESS, or 0: its least change where it is
+  // raised, its change where it is lowered, and its largest value.
+  static constexpr double MOST_OPENED = 1e-5, LEAST_RAISED = 2, LOWERED = 1 / 1.2, MOST = 1e5;
   // Sub-steps for which drives do not yield again.
   static constexpr unsigned UNYIELDING = 64;
 };

@@ -32,7 +32,8 @@ class PositionRows {
     const double weight = row.position_cfm > 0 ? POSITION_SOFTNESS / cfm : 0;
     const double target = counts ? row.position_target : 0;
     const bool is_joint = kind == Kind::Geometric && !row.is_drive;
-    rows_.push_back({target, target / share, weight, row.cfm, is_angular, is_joint, kind == Kind::Contact ? CONTACT_ARM : arm});
+    const bool is_contact = kind == Kind::Contact;
+    rows_.push_back({target, target / share, weight, row.cfm, is_angular, is_joint, is_contact, is_contact ? CONTACT_ARM : arm});
     states_.push_back(is_low ? AMB_MLCP_LOW : is_high ? AMB_MLCP_HIGH : AMB_MLCP_FREE);
     has_springs_ = has_springs_ || (row.is_drive && row.in_positions);
     if (!counts) return;
@@ -116,7 +117,7 @@ class PositionRows {
     double largest = 0;
     for (size_t i = 0; i < rows_.size(); ++i) {
       const Row &row = rows_[i];
-      if (!(row.is_joint && row.is_angular) && !(row.arm > 0)) continue;
+      if (!(row.is_joint ? row.is_angular || row.arm > 0 : row.is_contact)) continue;
       const double opened = h * row.cfm * std::fabs(impulses[i]);
       largest = std::max(largest, row.is_angular ? opened : opened / row.arm);
     }
@@ -130,7 +131,7 @@ class PositionRows {
     double weight;
     // In the velocity problem.
     double cfm;
-    bool is_angular, is_joint;
+    bool is_angular, is_joint, is_contact;
     // Lever arm of the joint, m; 0: not known.
     double arm;
   };
