@@ -72,7 +72,10 @@ fn joints_stay_within_their_limits_when_set_points_jump() {
                 let now = positions(&bench);
                 for (at, was) in now.iter().zip(before) {
                     assert!(at.abs() < 1.5, "{masses:?}, {step} s, step {i}: {now:?}");
-                    assert!((at - was).abs() <= 0.1 + 1e-9, "{masses:?}, {step} s, step {i}: from {before:?} to {now:?}");
+                    assert!(
+                        (at - was).abs() <= 0.1 + 1e-9,
+                        "{masses:?}, {step} s, step {i}: from {before:?} to {now:?}"
+                    );
                 }
                 before = now;
             }
@@ -86,7 +89,8 @@ fn a_motor_rests_at_the_limit_into_which_it_drives() {
     for step in STEPS {
         for speed in [3.0, 30.0] {
             for impulse in [0.01, 0.1, 1000.0] {
-                let mut bench = wheel(&format!(", joint limits: {{low: -0.5, high: 0.5}}, max motor impulse: {impulse}"), step);
+                let mut bench =
+                    wheel(&format!(", joint limits: {{low: -0.5, high: 0.5}}, max motor impulse: {impulse}"), step);
                 let mut worst: f64 = 0.0;
                 for i in 0..(2.0 / step) as u32 {
                     command(&mut bench, Velocity, &[speed], step);
