@@ -105,11 +105,12 @@ void ArticulationDynamics::measure_drives(const Rate &acceleration) {
   }
 }
 
-// Motors that would have to be stronger than they are get the largest impulse they have. Returns whether one did.
+// Drives that would have to be stronger than they are get the largest impulse they have; that of a limit is one of forces without
+// measure. Returns whether one did.
 bool ArticulationDynamics::saturate_drives() {
   bool changed = false;
   for (Drive &drive : drives) {
-    if (!is_free(drive) || drive.is_limit) continue;
+    if (!is_free(drive)) continue;
     const btScalar slack = ROUNDING * btFabs(drive.impulse);
     if (drive.impulse > drive.high + slack) {
       drive.state = Drive::State::High;

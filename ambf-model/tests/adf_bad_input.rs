@@ -82,7 +82,7 @@ fn alias_bombs_are_harmless() {
 
     let contains_itself = error("a: &a {b: *a}\n");
     assert!(matches!(contains_itself, LoadError::Syntax { .. }));
-    assert!(start.elapsed() < Duration::from_secs(20));
+    assert!(start.elapsed() < Duration::from_secs(60));
 }
 
 #[test]
@@ -97,7 +97,7 @@ fn ten_thousand_levels() {
     for text in flow.iter().chain([&block]) {
         assert!(matches!(error(text), LoadError::Syntax { .. }));
     }
-    assert!(start.elapsed() < Duration::from_secs(20));
+    assert!(start.elapsed() < Duration::from_secs(60));
 }
 
 #[test]

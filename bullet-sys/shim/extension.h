@@ -189,6 +189,7 @@ struct SoftRows {
     guesses = 0;
     guessed_after = 0;
     std::fill(guess, guess + MAX_GUESSES, 0);
+    std::fill(softness, softness + 6, 0);
   }
 
   // Bit k is set if row k was left out of a joint and holds in this sub-step because its error exceeds the clearance; see

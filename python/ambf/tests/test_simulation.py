@@ -160,8 +160,8 @@ class Accounts(unittest.TestCase):
 
     def test_solver_statistics(self):
         """They are taken: the next ones begin anew."""
-        with arm() as sim:
-            drive(sim, 3)
+        with ambf.Simulation(GRIPPER, launch_file=LAUNCH, profile="accurate") as sim:
+            sim.step(100)
             self.assertGreater(sim.take_solver_statistics()["rows"], 0)
             self.assertEqual(sim.take_solver_statistics()["rows"], 0)
 
