@@ -110,7 +110,8 @@ void ArticulationDynamics::measure_drives(const Rate &acceleration) {
 bool ArticulationDynamics::saturate_drives() {
   bool changed = false;
   for (Drive &drive : drives) {
-    if (!is_free(drive)) continue;
+    // Which limits hold is known since the beginning of the step.
+    if (!is_free(drive) || drive.side * drive.impulse < 0) continue;
     const btScalar slack = ROUNDING * btFabs(drive.impulse);
     if (drive.impulse > drive.high + slack) {
       drive.state = Drive::State::High;
