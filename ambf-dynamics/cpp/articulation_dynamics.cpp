@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace {
 
@@ -689,6 +690,9 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   const btScalar phases = std::max(h * btSqrt(stiffness) / MAX_PHASE, h * fastest / MAX_TURN);
   // The comparison is false for NaN.
   int parts = phases > 1 ? static_cast<int>(std::min(std::ceil(phases), btScalar(MAX_PARTS))) : 1;
+  // Limits and motors that would hold such forces hide them from the accelerations.
+  const bool holds = std::all_of(drives.begin(), drives.end(),
+                                 [](const Drive &drive) { return btFabs(drive.impulse) < BT_LARGE_FLOAT; });
   btScalar scale = 1;
   bool has_caught = false;
   for (;;) {
@@ -732,6 +736,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     parts = std::min(parts * REFINEMENT, most);
     begin_again(from, slopes[0]);
   }
+  if (!holds) scale = std::numeric_limits<btScalar>::quiet_NaN();
   drive_step = 0;
   std::swap(generalised_forces, unbounded_forces);
   // In this order: velocities of which only little is left may be so large that the momentum is lost to rounding.
