@@ -31,7 +31,7 @@ TOP = 0.01485
 """Of a block, above the origin of its frame, m."""
 ABOVE = 0.0045
 """The fingers' hinge is so far above the top of the block that they hold, m."""
-OPEN, CLOSED = 0.12, 0.0
+OPEN, CLOSED = 0.14, 0.0
 """Angles of a finger, rad: inside the block there is room for 0.15 beside a peg."""
 LIFT = 0.035
 """A block is carried so far above the board, m: pegs are 20 mm high."""
@@ -357,8 +357,9 @@ class Player:
         for _ in range(20 * ways):
             if score.is_over or score.way >= ways:
                 break
+            # Those without their point; then those that have been moved away again.
             waiting = [name for name in self._blocks if name not in score.counted]
-            for name in waiting:
+            for name in waiting or [name for name in self._blocks if score.on_peg.get(name) is None]:
                 side = 1 if self.block(name).position[0] > self.board.middle else -1
                 try:
                     for peg in self.free_pegs(-side):
@@ -401,12 +402,15 @@ def _rotated(vector: Array) -> Array:
     return np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
 
 
-def scene(resources: Path, seed: Optional[int], profile: str = "accurate", step: float = 0.005) -> ambf.Simulation:
-    """The scene, with the blocks where the seed puts them."""
+def scene(
+    resources: Path, seed: Optional[int], profile: str = "accurate", step: float = 0.005, ghosts: bool = False
+) -> ambf.Simulation:
+    """The scene, with the blocks where the seed puts them. Without `ghosts`, which take the weight of what is between jaws, friction
+    alone holds the blocks.
+    """
     folder = resources / "peg_transfer"
-    simulation = ambf.Simulation(
-        launch_file=folder / "launch.yaml", indexes=[0, 1, 2, 3, 4, 5], profile=profile, step=step
-    )
+    models = [0, 1, 2, 3, 4, 5] if ghosts else [0, 1, 2, 4]
+    simulation = ambf.Simulation(launch_file=folder / "launch.yaml", indexes=models, profile=profile, step=step)
     if seed is not None:
         place_blocks(simulation, seed)
     return simulation
@@ -437,10 +441,11 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument("--ways", type=int, default=2, help="ways over and back [2]")
     parser.add_argument("--profile", default="accurate")
     parser.add_argument("--step", type=float, default=0.005, help="interval of an iteration, s [0.005]")
+    parser.add_argument("--ghosts", action="store_true", help="load the ghosts of the fingers, too")
     parser.add_argument("--verbose", action="store_true", help="say how it goes")
     options = parser.parse_args(arguments)
     for seed in range(options.first, options.first + options.seeds):
-        simulation = scene(resources(), seed, options.profile, options.step)
+        simulation = scene(resources(), seed, options.profile, options.step, options.ghosts)
         player = Player(simulation, options.step)
         score = player.play(options.ways, options.verbose)
         print(json.dumps({"seed": seed, **score.as_dict()}), flush=True)
