@@ -9,6 +9,7 @@ It needs NumPy and the package `ambf`.
 from __future__ import annotations
 
 import argparse
+import functools
 import itertools
 import json
 import math
@@ -39,6 +40,8 @@ MEETING = np.array([0.0194, 0.306, 0.775])
 """Where blocks change hands: in front of the wall."""
 ASIDE = 0.045
 """Tools and blocks go round the near end of the wall, so far from its plane, m."""
+TURNS = (0.0, 0.2, -0.2, 0.4, -0.4)
+"""By how much a block may be turned on a way, rad."""
 SPEED, TURN = 0.05, 1.2
 """m/s, rad/s."""
 TICK = 0.01
@@ -246,7 +249,7 @@ class Player:
         held = giver.tool.inverse().times(self.block(name)).inverse()  # the tool, seen from the block
         # To the meeting, round the near end of the wall.
         meeting = upright(MEETING, turn)
-        for goal in self._round(upright(block.position + up, 0.0).position, side, meeting):
+        for goal in self._way(block, side, meeting)[2:]:
             self.line(giver, goal.times(held))
         # Both hold it, then the other one alone.
         block = self.block(name)
@@ -262,18 +265,19 @@ class Player:
         self.line(giver, Place(away.position + 0.8 * up + np.array([side * ASIDE, 0.0, 0.0]), away.axes))
         held = taker.tool.inverse().times(self.block(name)).inverse()
         # To the peg.
-        for goal in reversed(self._round(target.position + up, -side, Place(meeting.position, target.axes))[:-1]):
+        for goal in self._way(target, -side, meeting)[-2::-1]:
             self.line(taker, goal.times(held))
-        self.line(taker, Place(target.position + np.array([0.0, 0.0, 0.0008]), target.axes).times(held))
         self.set_jaw(taker, OPEN)
         away = taker.commanded
         self.line(taker, Place(away.position + up, away.axes))
         self.wait(0.3)
 
-    def _round(self, start: Array, side: int, end: Place) -> List[Place]:
-        """From above a peg to the meeting, clear of the wall: places of the block, all with the orientation at the end."""
-        aside = np.array([self.board.middle + side * ASIDE, end.position[1], start[2]])
-        return [Place(np.array(start), end.axes), Place(aside, end.axes), end]
+    def _way(self, peg: Place, side: int, meeting: Place) -> List[Place]:
+        """Places of a block on its way from where it stands to the meeting: up, aside, turned there, and in front of the wall.
+        """
+        over = peg.position + np.array([0.0, 0.0, LIFT])
+        aside = np.array([self.board.middle + side * ASIDE, meeting.position[1], over[2]])
+        return [peg, Place(over, peg.axes), Place(aside, peg.axes), Place(aside, meeting.axes), meeting]
 
     def _approach(self, arm: Arm, goal: Place) -> None:
         """Comes from its own side and from above."""
@@ -299,44 +303,41 @@ class Player:
 
     def _plan(self, block: Place, side: int, peg: str) -> Optional[Tuple[Grip, Grip, float, Place]]:
         """How the giver and the taker hold it, how it is turned at the meeting, and where and how it is to stand: those by which the
-        joints stay furthest from their limits.
+        joints stay furthest from their limits, and the block turns little while it is held.
         """
         giver, taker = self.arms[side], self.arms[-side]
-        up = np.array([0.0, 0.0, LIFT])
-        x, y = self.board.pegs[peg]
-        height = self.board.top + 0.00024
+        height = self.board.top + 0.001  # 0.8 mm above where it comes to rest
+        stand = np.array([*self.board.pegs[peg], height])
         best: Tuple[float, Any] = (0.02, None)
-        aside = np.array([side * ASIDE, 0.0, 0.0])
+        yaw = math.atan2(block.axes[1, 0], block.axes[0, 0])
 
-        def over(place: Place, by: Array) -> Place:
-            return Place(place.position + by, place.axes)
+        @functools.lru_cache(maxsize=None)
+        def put(grip: Grip, turn: float) -> float:
+            target = upright(stand, turn)
+            return min(taker.margin(grip.tool(place)) for place in (target, _moved(target, z=LIFT)))
 
-        turns = [2.0 * math.pi * i / 24 for i in range(24)]
-        fetch = {grip: min(giver.margin(grip.tool(block)), giver.margin(over(grip.tool(block), up))) for grip in GRIPS}
-        put = {}
-        for grip, turn in itertools.product(GRIPS, turns):
-            target = upright(np.array([x, y, height]), turn)
-            there = min(taker.margin(grip.tool(target)), taker.margin(over(grip.tool(target), up)))
-            if there > put.get(grip, (0.0, target))[0]:
-                put[grip] = (there, target)
-        for turn in turns:
-            meeting = upright(MEETING, turn)
-            for give, take in itertools.product(GRIPS, GRIPS):
-                if give.wall == take.wall or fetch[give] < best[0] or put.get(take, (0.0,))[0] < best[0]:
+        fetch = {grip: min(giver.margin(grip.tool(place)) for place in (block, _moved(block, z=LIFT))) for grip in GRIPS}
+        for turned, (give, take) in itertools.product(TURNS, itertools.permutations(GRIPS, 2)):
+            meeting = upright(MEETING, yaw + turned)
+            mine, other = give.tool(meeting), take.tool(meeting)
+            if give.wall == take.wall or (mine.position[0] - other.position[0]) * side < 0.006:
+                continue
+            here = min(
+                fetch[give],
+                giver.margin(mine),
+                taker.margin(other),
+                giver.margin(_moved(mine, x=side * ASIDE)),
+                taker.margin(_moved(other, x=-side * ASIDE, z=0.8 * LIFT)),
+            )
+            for again in TURNS:
+                value = min(here, put(take, yaw + turned + again)) - 0.05 * (abs(turned) + abs(again))
+                if value <= best[0]:
                     continue
-                mine, other = give.tool(meeting), take.tool(meeting)
-                if (mine.position[0] - other.position[0]) * side < 0.006:
-                    continue
-                value = min(
-                    fetch[give],
-                    put[take][0],
-                    giver.margin(mine),
-                    taker.margin(other),
-                    giver.margin(over(mine, aside)),
-                    taker.margin(over(other, 0.8 * up - aside)),
-                )
-                if value > best[0]:
-                    best = (value, (give, take, turn, put[take][1]))
+                target = upright(stand, yaw + turned + again)
+                there, away = self._way(block, side, meeting), self._way(target, -side, meeting)
+                least = min(_margin(giver, give, there), _margin(taker, take, away))
+                if least > 0.02:
+                    best = (value, (give, take, yaw + turned, target))
         return best[1]  # type: ignore[no-any-return]
 
     # --- a run --------------------------------------------------------------------------------------------------------------------
@@ -377,6 +378,22 @@ class Player:
                 if verbose:
                     print(f"{score.time:6.1f} s: {name}: {score.points} points, {score.on_peg}")
         return score
+
+
+def _moved(place: Place, x: float = 0.0, z: float = 0.0) -> Place:
+    """Along axes of the world, m."""
+    return Place(place.position + np.array([x, 0.0, z]), place.axes)
+
+
+def _margin(arm: Arm, grip: Grip, places: Sequence[Place]) -> float:
+    """The least margin of an arm that carries a block from place to place."""
+    least = 1.0
+    for begin, end in zip(places, places[1:]):
+        turn = _rotation_vector(end.axes @ begin.axes.T)
+        for share in (0.2, 0.4, 0.6, 0.8, 1.0):
+            place = Place(begin.position + share * (end.position - begin.position), _rotated(share * turn) @ begin.axes)
+            least = min(least, arm.margin(grip.tool(place)))
+    return least
 
 
 def _rotation_vector(matrix: Array) -> Array:
