@@ -49,17 +49,25 @@ class Scene(unittest.TestCase):
         """As many bodies, joints and cameras as in the competition's scene, under its names; pegs and links have no topics."""
         sim = scene()
         names = {name.removeprefix("/ambf/env/") for name in sim.bodies}
-        arms = {f"psm{i}/{part}" for i in (1, 2) for part in ("baselink", "toolpitchlink", "toolyawlink", "tool_id_420006")}
-        board = {f"phantom/{part}" for part in ("BlackGround_Plane", "peg_board_s", "peg_board_wall_s", "block1", "block2")}
+        arms = {
+            f"psm{i}/{part}" for i in (1, 2) for part in ("baselink", "toolpitchlink", "toolyawlink", "tool_id_420006")
+        }
+        board = {
+            f"phantom/{part}" for part in ("BlackGround_Plane", "peg_board_s", "peg_board_wall_s", "block1", "block2")
+        }
         self.assertEqual(names, arms | board | {"Plane", "CameraFrame"})
         self.assertEqual((len(sim.joints), len(sim.body("psm1/baselink").joints)), (16, 8))
         self.assertEqual([name.split("/env/")[1] for name in sim.cameras], ["stereo/left", "stereo/right"])
-        self.assertEqual([name.split("/env/")[1] for name in sim.actuators], [f"ghosts/psm{i}/Actuator0" for i in (1, 2)])
+        self.assertEqual(
+            [name.split("/env/")[1] for name in sim.actuators], [f"ghosts/psm{i}/Actuator0" for i in (1, 2)]
+        )
         files = ["board", "camera_frame", "psm1", "psm1_ghosts", "psm2", "psm2_ghosts"]
         loaded = [yaml.safe_load((FOLDER / f"{file}.yaml").read_text()) for file in files]
         count = lambda key: sum(len(model.get(key) or ()) for model in loaded)  # noqa: E731
         # And the plane of the world.
-        self.assertEqual((count("bodies") + 1, count("joints"), count("ghost objects"), count("actuators")), (45, 16, 4, 2))
+        self.assertEqual(
+            (count("bodies") + 1, count("joints"), count("ghost objects"), count("actuators")), (45, 16, 4, 2)
+        )
         # Actuators hang on bodies of another model, by their full names; nothing else is guessed or left out.
         warnings = [warning for warning in sim.warnings if ": warning: " in warning]
         self.assertTrue(all("is taken from another model" in warning for warning in warnings), warnings)
@@ -68,7 +76,11 @@ class Scene(unittest.TestCase):
         """Its table agrees with the files of both boards."""
         for file, board in (("board", SYMMETRIC), ("board_asymmetric", ASYMMETRIC)):
             model = yaml.safe_load((FOLDER / f"{file}.yaml").read_text())
-            pegs = {key.split()[1]: model[key]["location"]["position"] for key in model["bodies"] if " peg" in key and "board" not in key}
+            pegs = {
+                key.split()[1]: model[key]["location"]["position"]
+                for key in model["bodies"]
+                if " peg" in key and "board" not in key
+            }
             self.assertEqual({name: (at["x"], at["y"]) for name, at in pegs.items()}, board.pegs)
             blocks = [key.split()[1] for key in model["bodies"] if " block" in key]
             self.assertEqual(tuple(blocks), board.blocks)

@@ -58,11 +58,11 @@ class Place(NamedTuple):
     position: Array
     axes: Array
 
-    def times(self, other: "Place") -> "Place":
+    def times(self, other: Place) -> Place:
         """`other`, seen from this one, in the world."""
         return Place(self.position + self.axes @ other.position, self.axes @ other.axes)
 
-    def inverse(self) -> "Place":
+    def inverse(self) -> Place:
         """The world, seen from it."""
         return Place(-self.axes.T @ self.position, self.axes.T)
 
@@ -205,7 +205,9 @@ class Player:
     def joints(self, arm: Arm, goal: Array) -> None:
         """Moves all joints at once, smoothly, roll the shorter way."""
         begin = arm.goal
-        seconds = 1.5 * max(float(np.abs(goal - begin)[[0, 1, 3, 4, 5]].max()) / TURN, abs(goal[2] - begin[2]) / SPEED, TICK)
+        seconds = 1.5 * max(
+            float(np.abs(goal - begin)[[0, 1, 3, 4, 5]].max()) / TURN, abs(goal[2] - begin[2]) / SPEED, TICK
+        )
         count = math.ceil(seconds / TICK)
         for i in range(1, count + 1):
             share = i / count
@@ -273,8 +275,7 @@ class Player:
         self.wait(0.3)
 
     def _way(self, peg: Place, side: int, meeting: Place) -> List[Place]:
-        """Places of a block on its way from where it stands to the meeting: up, aside, turned there, and in front of the wall.
-        """
+        """Places of a block on its way from where it stands to the meeting: up, aside, turned there, and in front of the wall."""
         over = peg.position + np.array([0.0, 0.0, LIFT])
         aside = np.array([self.board.middle + side * ASIDE, meeting.position[1], over[2]])
         return [peg, Place(over, peg.axes), Place(aside, peg.axes), Place(aside, meeting.axes), meeting]
@@ -311,12 +312,14 @@ class Player:
         best: Tuple[float, Any] = (0.02, None)
         yaw = math.atan2(block.axes[1, 0], block.axes[0, 0])
 
-        @functools.lru_cache(maxsize=None)
+        @functools.cache
         def put(grip: Grip, turn: float) -> float:
             target = upright(stand, turn)
             return min(taker.margin(grip.tool(place)) for place in (target, _moved(target, z=LIFT)))
 
-        fetch = {grip: min(giver.margin(grip.tool(place)) for place in (block, _moved(block, z=LIFT))) for grip in GRIPS}
+        fetch = {
+            grip: min(giver.margin(grip.tool(place)) for place in (block, _moved(block, z=LIFT))) for grip in GRIPS
+        }
         for turned, (give, take) in itertools.product(TURNS, itertools.permutations(GRIPS, 2)):
             meeting = upright(MEETING, yaw + turned)
             mine, other = give.tool(meeting), take.tool(meeting)
@@ -406,7 +409,8 @@ def _rotation_vector(matrix: Array) -> Array:
         values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
         axis = vectors[:, int(np.argmax(values))]
         return axis * angle * (1.0 if axis @ twice >= 0.0 else -1.0)
-    return twice / 2.0 if angle < 1e-9 else twice * angle / (2.0 * math.sin(angle))
+    vector: Array = twice / 2.0 if angle < 1e-9 else twice * angle / (2.0 * math.sin(angle))
+    return vector
 
 
 def _rotated(vector: Array) -> Array:

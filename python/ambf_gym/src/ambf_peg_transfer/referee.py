@@ -151,8 +151,8 @@ class Referee:
         score.time = now
         poses = {name: self._on_board(blocks[name], board) for name in self.board.blocks}
         resting = {name: self._look(name, pose, now) for name, pose in poses.items()}
-        for name in poses:
-            self._hold(name, blocks[name], poses[name], resting[name], tools or {})
+        for name, pose in poses.items():
+            self._hold(name, blocks[name], pose, resting[name], tools or {})
         if now > self.rules.time_limit:
             score.is_over, score.reason = True, "time"
             return score
