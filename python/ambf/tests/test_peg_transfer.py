@@ -324,9 +324,9 @@ class Cameras(unittest.TestCase):
         self.assertEqual(rgb.shape, (480, 640, 3))
         # The far right corner of the board, 0.339 m away: beyond it is the ground, 0.12 m lower.
         self.assertTrue(self.corner(depth, 554.0, 202.6))
-        block = sim.body("block1").pose[:3] + (0, 0, 0.014)
+        block = np.add(sim.body("block1").pose[:3], (0, 0, 0.014))
         self.assertEqual(self.hue(rgb, self.pixel(block)), "red")
-        self.assertEqual(self.hue(rgb, self.pixel(sim.body("block2").pose[:3] + (0, 0, 0.014))), "blue")
+        self.assertEqual(self.hue(rgb, self.pixel(np.add(sim.body("block2").pose[:3], (0, 0, 0.014)))), "blue")
 
     def pixel(self, point, x=-0.001):
         """Of a point in the world, in the picture of a camera at x of its frame."""

@@ -407,8 +407,8 @@ def _rotation_vector(matrix: Array) -> Array:
     if angle > 3.0:
         # Near half a turn the axis is in the symmetric part.
         values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
-        axis = vectors[:, int(np.argmax(values))]
-        return axis * angle * (1.0 if axis @ twice >= 0.0 else -1.0)
+        axis: Array = vectors[:, int(np.argmax(values))]
+        return axis * (angle if axis @ twice >= 0.0 else -angle)
     vector: Array = twice / 2.0 if angle < 1e-9 else twice * angle / (2.0 * math.sin(angle))
     return vector
 
