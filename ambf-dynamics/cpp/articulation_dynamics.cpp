@@ -20,12 +20,6 @@ btMatrix3x3 cross_matrix(const btVector3 &v, const btMatrix3x3 &m) {
   return btMatrix3x3(x.x(), x.y(), x.z(), y.x(), y.y(), y.z(), z.x(), z.y(), z.z());
 }
 
-// A matrix times [v]: each row of the result is the row x v.
-btMatrix3x3 matrix_cross(const btMatrix3x3 &m, const btVector3 &v) {
-  const btVector3 x = m[0].cross(v), y = m[1].cross(v), z = m[2].cross(v);
-  return btMatrix3x3(x.x(), x.y(), x.z(), y.x(), y.y(), y.z(), z.x(), z.y(), z.z());
-}
-
 void subtract_outer(btMatrix3x3 &m, const btVector3 &a, const btVector3 &b, btScalar factor) {
   for (int row = 0; row < 3; ++row) m[row] -= b * (a[row] * factor);
 }
@@ -38,13 +32,13 @@ btVector3 transpose_times(const btMatrix3x3 &m, const btVector3 &v) { return m[0
 
 // Solves [a b; b^T m] (x; y) = (p; q) for the articulated inertia of a base, by its Cholesky factor. Its pivots are at least
 // those of the inertia of the base itself: what the links add may cancel but for a rounding error that is larger.
-void solve_six(const btMatrix3x3 &a, const btMatrix3x3 &b, const btMatrix3x3 &m, const btVector3 &p, const btVector3 &q,
-               const ArticulationDynamics::Body &base, btVector3 &x, btVector3 &y) {
+void solve_six(const ArticulatedInertia &inertia, const btVector3 &p, const btVector3 &q, const ArticulationDynamics::Body &base,
+               btVector3 &x, btVector3 &y) {
   const btScalar least[2] = {base.inertia[base.inertia.minAxis()], base.mass};
   btScalar l[6][6], v[6];
   for (int i = 0; i < 6; ++i) {
     for (int j = 0; j <= i; ++j) {
-      btScalar sum = i < 3 ? a[i][j] : j < 3 ? b[j][i - 3] : m[i - 3][j - 3];
+      btScalar sum = inertia.element(i, j);
       for (int k = 0; k < j; ++k) sum -= l[i][k] * l[j][k];
       l[i][j] = i == j ? std::sqrt(std::max(sum, least[i / 3])) : sum / l[j][j];
     }
@@ -111,6 +105,8 @@ void ArticulationDynamics::finish() {
   origins.resize(n, btVector3(0, 0, 0));
   linear.resize(n, btVector3(0, 0, 0));
   angular.resize(n, btVector3(0, 0, 0));
+  arms.resize(n, btVector3(0, 0, 0));
+  axes.resize(n, btVector3(0, 0, 0));
   work.resize(n);
   efforts.resize(coordinates);
   generalised_forces.resize(coordinates);
@@ -165,7 +161,9 @@ void ArticulationDynamics::update_poses(const Position &position) {
       rotations[i + 1] = parent * link.rotation;
       if (link.type == JointType::Prismatic) pivot += parent * link.axis * position.q[link.coordinate];
     }
-    origins[i + 1] = pivot + rotations[i + 1] * link.arm;
+    if (link.freedoms() == 1) axes[i + 1] = parent * link.axis;
+    arms[i + 1] = rotations[i + 1] * link.arm;
+    origins[i + 1] = pivot + arms[i + 1];
   }
 }
 
@@ -186,7 +184,7 @@ void ArticulationDynamics::update_velocities(const Rate &rate) {
     }
     const btMatrix3x3 &parent = rotations[link.parent];
     if (link.type == JointType::Prismatic) {
-      const btVector3 axis = parent * link.axis;
+      const btVector3 &axis = axes[i + 1];
       const btScalar speed = rate.q[link.coordinate];
       w.freedoms[0].s_angular.setZero();
       w.freedoms[0].s_linear = axis;
@@ -194,7 +192,7 @@ void ArticulationDynamics::update_velocities(const Rate &rate) {
       linear[i + 1] += axis * speed;
       continue;
     }
-    const btVector3 arm = rotations[i + 1] * link.arm;
+    const btVector3 &arm = arms[i + 1];
     btVector3 sliding(0, 0, 0);
     for (int k = 0; k < link.sliding; ++k) {
       Freedom &freedom = w.freedoms[k];
@@ -205,7 +203,7 @@ void ArticulationDynamics::update_velocities(const Rate &rate) {
     for (int k = link.sliding; k < link.freedoms(); ++k) {
       Freedom &freedom = w.freedoms[k];
       const btScalar speed = rate.q[link.coordinate + k];
-      freedom.s_angular = link.turning == 3 ? parent.getColumn(k - link.sliding) : parent * link.axis;
+      freedom.s_angular = link.turning == 3 ? parent.getColumn(k - link.sliding) : axes[i + 1];
       freedom.s_linear = freedom.s_angular.cross(arm);
       angular[i + 1] += freedom.s_angular * speed;
       linear[i + 1] += freedom.s_linear * speed;
@@ -222,31 +220,20 @@ void ArticulationDynamics::update_velocities(const Rate &rate) {
 void ArticulationDynamics::add_inertias() {
   for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
     Work &w = work[i];
-    w.inertia = scaled_rotation(rotations[i], bodies[i].inertia);
+    w.inertia = Symmetric3::of(rotations[i], bodies[i].inertia);
     w.least_inertia = bodies[i].inertia[bodies[i].inertia.minAxis()];
-    w.a = w.inertia;
-    w.b.setValue(0, 0, 0, 0, 0, 0, 0, 0, 0);
-    const btScalar mass = bodies[i].mass;
-    w.m.setValue(mass, 0, 0, 0, mass, 0, 0, 0, mass);
+    w.articulated.set(w.inertia, bodies[i].mass);
   }
 }
 
 // Computes U = I_A S and 1 / D, D = S^T U, for a link with articulated inertia I_A and a degree of freedom with motion
 // subspace S. I_A is at least the inertia of the link itself; what the links beyond it add may cancel but for a rounding
 // error that is larger.
-void ArticulationDynamics::compute_joint_inertia(Work &w, Freedom &freedom) {
-  freedom.u_angular = w.a * freedom.s_angular + w.b * freedom.s_linear;
-  freedom.u_linear = transpose_times(w.b, freedom.s_angular) + w.m * freedom.s_linear;
+void ArticulationDynamics::compute_joint_inertia(const Work &w, Freedom &freedom) {
+  w.articulated.multiply(freedom.s_angular, freedom.s_linear, freedom.u_angular, freedom.u_linear);
   freedom.d = std::max(freedom.s_angular.dot(freedom.u_angular) + freedom.s_linear.dot(freedom.u_linear),
                        freedom.s_angular.length2() * w.least_inertia);
   freedom.d_inverse = freedom.d > 0 ? 1 / freedom.d : 0;
-}
-
-// Articulated inertia seen through a degree of freedom: I_A - U D^-1 U^T.
-void ArticulationDynamics::remove_joint_motion(Work &w, const Freedom &freedom) {
-  subtract_outer(w.a, freedom.u_angular, freedom.u_angular, freedom.d_inverse);
-  subtract_outer(w.b, freedom.u_angular, freedom.u_linear, freedom.d_inverse);
-  subtract_outer(w.m, freedom.u_linear, freedom.u_linear, freedom.d_inverse);
 }
 
 // Adds the articulated inertia of a link, shifted to the parent's centre of mass, to that of the parent.
@@ -254,11 +241,7 @@ void ArticulationDynamics::add_to_parent(size_t link) {
   // A link with six degrees of freedom adds nothing but rounding errors.
   if (links[link].freedoms() == 6) return;
   const Work &w = work[link + 1];
-  Work &parent = work[links[link].parent];
-  const btMatrix3x3 b = w.b + cross_matrix(w.r, w.m);
-  parent.a += w.a - matrix_cross(w.b, w.r) + cross_matrix(w.r, b.transpose());
-  parent.b += b;
-  parent.m += w.m;
+  work[links[link].parent].articulated.add(w.articulated, w.r);
 }
 
 // Second and third pass of the articulated-body algorithm: from the leaves to the base and back. The bias forces of all
@@ -277,15 +260,17 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
       freedom.given = 0;
       if (is_driven) drive(freedom, link.coordinate + k);
       if (is_last && k == 0) break;
-      remove_joint_motion(w, freedom);
+      w.articulated.remove(freedom.u_angular, freedom.u_linear, freedom.d_inverse);
       const btScalar acceleration = freedom.u * freedom.d_inverse + freedom.given;
       torque += freedom.u_angular * acceleration;
       force += freedom.u_linear * acceleration;
     }
     if (is_last) continue;
     if (with_bias) {
-      torque += w.a * w.c_angular + w.b * w.c_linear;
-      force += transpose_times(w.b, w.c_angular) + w.m * w.c_linear;
+      btVector3 of_torque, of_force;
+      w.articulated.multiply(w.c_angular, w.c_linear, of_torque, of_force);
+      torque += of_torque;
+      force += of_force;
     }
     add_to_parent(i);
     Work &parent = work[link.parent];
@@ -295,7 +280,7 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
   Work &base = work[0];
   base.alpha.setZero();
   base.accel.setZero();
-  if (!fixed_base) solve_six(base.a, base.b, base.m, -base.torque, -base.force, bodies[0], base.alpha, base.accel);
+  if (!fixed_base) solve_six(base.articulated, -base.torque, -base.force, bodies[0], base.alpha, base.accel);
   out.angular = base.alpha;
   out.linear = base.accel;
   for (size_t i = 0; i < links.size(); ++i) {
@@ -325,7 +310,7 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
 btScalar ArticulationDynamics::Spring::displacement(btScalar q) const {
   // Wrapped half a turn away from the rest position, where the elastic energy is continuous.
   const btScalar x = sign * q + offset - rest;
-  return is_angle ? std::remainder(x, 2 * SIMD_PI) : x;
+  return is_angle ? wrapped(x) : x;
 }
 
 void ArticulationDynamics::accelerate(const Position &position, const Rate &rate, Rate &acceleration) {
@@ -716,6 +701,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
         (after <= 0 || after <= allowed + slack || after <= allowed + slack + rounding_of_work(from))) {
       if (has_caught || !catch_limits(from, to, new_rate)) break;
       has_caught = true;
+      drive_step = h;
       begin_again(from, slopes[0]);
       continue;
     }
@@ -927,15 +913,14 @@ void ArticulationDynamics::factor_inertia() {
         row[c] = torque[c];
         row[c + 3] = force[c];
       }
-      if (!is_last || f > 0) remove_joint_motion(w, freedom);
+      if (!is_last || f > 0) w.articulated.remove(freedom.u_angular, freedom.u_linear, freedom.d_inverse);
     }
     if (!is_last) add_to_parent(i);
   }
   if (fixed_base) return;
   const Work &base = work[0];
   for (size_t k = 0; k < 6; ++k) {
-    for (size_t j = 0; j <= k; ++j)
-      factor[k * n + j] = k < 3 ? base.a[k][j] : j < 3 ? base.b[j][k - 3] : base.m[k - 3][j - 3];
+    for (size_t j = 0; j <= k; ++j) factor[k * n + j] = base.articulated.element(static_cast<int>(k), static_cast<int>(j));
   }
   for (size_t k = 6; k-- > 0;) {
     btScalar *const row = &factor[k * n];

@@ -3,8 +3,11 @@
 #define AMB_ARTICULATION_DYNAMICS_H
 
 #include "arena_memory.h"
+#include "articulated_inertia.h"
 
 #include <LinearMath/btTransform.h>
+
+#include <cmath>
 
 // A kinematic tree of hinges, sliders, ball joints, joints that leave all six motions and fixed joints, on a fixed or
 // free base. Featherstone's articulated-body algorithm (Rigid Body Dynamics Algorithms, 2008, chapter 7) with all
@@ -47,6 +50,11 @@ class ArticulationDynamics {
     // External force (N) and torque (N m), constant over a step.
     btVector3 force{0, 0, 0}, torque{0, 0, 0};
   };
+
+  // An angle, rad, wrapped to [-pi, pi]. The library's remainder is exact and slow.
+  static btScalar wrapped(btScalar angle) {
+    return btFabs(angle) <= SIMD_PI ? angle : std::remainder(angle, 2 * SIMD_PI);
+  }
 
   // Generalised force -sign k (x - rest) - d q' on a coordinate q, where x = sign q + offset, wrapped to [-pi, pi] if
   // it is an angle.
@@ -221,6 +229,9 @@ class ArticulationDynamics {
   Vector<Spring> springs;
   // Of the next step; `step` is the only function that knows them.
   Vector<Drive> drives;
+  // Limits that the step will not reach unless a rate more than doubles: where it does reach one, it is added to the drives and
+  // the step made again.
+  Vector<Drive> distant_limits;
   // Force on each coordinate, N or N m, constant over a step.
   Vector<btScalar> generalised_forces;
   // Those without what `bound_acceleration` adds, during a step.
@@ -250,9 +261,9 @@ class ArticulationDynamics {
   // The degrees of freedom of a joint are treated like sliders and hinges between bodies without mass at the same place,
   // the first of which is the nearest to the base.
   struct Work {
-    btMatrix3x3 inertia;            // of the body alone
+    Symmetric3 inertia;             // of the body alone
     btScalar least_inertia;         // least principal inertia of the body
-    btMatrix3x3 a, b, m;            // articulated: torque and force from angular and linear acceleration, [a b; b^T m]
+    ArticulatedInertia articulated;
     btVector3 torque, force;        // bias
     btVector3 r;                    // from the parent's centre of mass to the body's
     btVector3 c_angular, c_linear;  // velocity-product acceleration
@@ -296,8 +307,7 @@ class ArticulationDynamics {
   btScalar rounding_of_work(const Position &at) const;
   void update_fastest_mode(const Position &at, const Rate &rate);
   void add_inertias();
-  static void compute_joint_inertia(Work &w, Freedom &freedom);
-  static void remove_joint_motion(Work &w, const Freedom &freedom);
+  static void compute_joint_inertia(const Work &w, Freedom &freedom);
   void add_to_parent(size_t link);
   void sweep(Rate &out, bool with_bias);
 
@@ -322,6 +332,8 @@ class ArticulationDynamics {
   Vector<int> given_by;
   Vector<btScalar> rest_impulse;
   Vector<btVector3> wanted_linear, wanted_angular, start_origins;
+  // Of each body, world axes: from the pivot of its joint to its centre of mass, and the axis of that joint.
+  Vector<btVector3> arms, axes;
   // Shape of the fastest vibration mode, and the square of its angular frequency, 1/s^2.
   Vector<btScalar> mode;
   btScalar stiffness = 0;
