@@ -216,7 +216,8 @@ bool ArticulationDynamics::catch_limits(const Position &from, const Position &to
   const auto is_passed = [&](Drive &drive) {
     if (drive.side == 0 || is_free(drive) || drive.gap < 0) return false;
     const int k = drive.coordinate;
-    if (drive.gap + drive.side * (to.q[k] - from.q[k]) >= 0 || drive.side * (rate.q[k] - drive.target) >= 0) return false;
+    const bool is_reached = drive.bounds_rate() || drive.gap + drive.side * (to.q[k] - from.q[k]) < 0;
+    if (!is_reached || drive.side * (rate.q[k] - drive.target) >= 0) return false;
     drive.start_state = Drive::State::Free;
     caught = true;
     return true;

@@ -84,8 +84,9 @@ class ArticulationDynamics {
     bool is_limit = false;
     // Limit: 1 where it bounds the coordinate from below, -1 from above; 0 where it holds it. Else 0.
     btScalar side = 0;
-    // Limit: distance at the beginning of the step, rad or m, negative if it is violated.
+    // Limit: distance at the beginning of the step, rad or m, negative if it is violated; of a bound of the rate it is infinite.
     btScalar gap = 0;
+    bool bounds_rate() const { return gap >= BT_LARGE_FLOAT; }
     bool is_angle = false;
     enum class State { Free, Low, High } state = State::Free;
     // At the beginning of the step.

@@ -209,12 +209,15 @@ void JointRows::plan_limit_drive(int coordinate, btScalar low, btScalar high, bo
     btScalar target = gap < 0 ? 0 : -gap / h;
     if (bounce > 0 && gap + h * speed < 0) target = std::max(target, -bounce * speed);
     const bool is_distant = gap > NEAR_LIMIT * (high - low) && gap + 2 * h * speed > 0;
-    ArticulationDynamics::Drive limit = bound_of(coordinate, side, side * target, gap, is_angle);
-    if (is_distant) {
-      articulation.dynamics.distant_limits.push_back(limit);
-    } else {
-      add_drive(limit, LIMIT);
-    }
+    add_bound(bound_of(coordinate, side, side * target, gap, is_angle), is_distant);
+  }
+}
+
+void JointRows::add_bound(const ArticulationDynamics::Drive &bound, bool is_distant) {
+  if (is_distant) {
+    articulation.dynamics.distant_limits.push_back(bound);
+  } else {
+    add_drive(bound, source_of(bound));
   }
 }
 
@@ -255,8 +258,9 @@ void JointRows::plan_drives(btScalar h) {
     const btScalar friction = joint.motor.friction * h;
     if (friction > 0) plan_drive(link.coordinate, 0, 0, -friction, friction, friction_of(link.coordinate), is_hinge);
     for (const btScalar side : {1, -1}) {
-      if (joint.motor.bounds_rate())
-        add_drive(bound_of(link.coordinate, side, -side * joint.motor.max_rate, BT_LARGE_FLOAT, is_hinge), LARGEST_RATE);
+      if (!joint.motor.bounds_rate()) break;
+      const bool is_distant = side * articulation.rate.q[link.coordinate] > -joint.motor.max_rate / 2;
+      add_bound(bound_of(link.coordinate, side, -side * joint.motor.max_rate, BT_LARGE_FLOAT, is_hinge), is_distant);
     }
     plan_limit_drive(link.coordinate, joint.motor.low, joint.motor.high, is_hinge, is_hinge ? HINGE_BOUNCE : 0, h);
   }
@@ -274,7 +278,8 @@ void JointRows::take_drives() {
   // Limits that were distant.
   for (size_t i = planned.size(); i < drives.size(); ++i) {
     const ArticulationDynamics::Drive &limit = drives[i];
-    planned.push_back({limit.coordinate, limit.target, 0, limit.low, limit.high, LIMIT, 0, 0, limit.is_angle});
+    const int source = source_of(limit);
+    planned.push_back({limit.coordinate, limit.target, 0, limit.low, limit.high, source, 0, 0, limit.is_angle});
   }
   for (size_t i = 0; i < planned.size(); ++i) {
     const bool is_limit = planned[i].source < 0;
