@@ -120,6 +120,7 @@ fn load_simulation(
         may_grow: devices::are_wanted(&options.devices),
         // Windows show the last minute.
         savable: has_windows,
+        joint_wrenches: false,
     };
     let Loaded { scene, report: mut found } = load_telling(&files, &scene_options);
     found.files.insert(0, problems);

@@ -118,6 +118,7 @@ struct AmbArticulation {
   void add_damper(AmbConstraint &joint, size_t link);
   void choose_springs(btScalar h);
   void follow_base();
+  void take_base_velocity();
   void write_proxies();
   void return_to_limits(btScalar h);
   bool had_impulses() const;

@@ -339,14 +339,21 @@ void ArticulationDynamics::project(const btVector3 *linear_wanted, const btVecto
   for (btScalar &q : stage_rate.q) q = 0;
   stage_rate.angular.setZero();
   stage_rate.linear.setZero();
+  if (fixed_base) {
+    stage_rate.angular = rate.angular;
+    stage_rate.linear = rate.linear;
+  }
   update_velocities(stage_rate);
   std::fill(efforts.begin(), efforts.end(), 0);
   add_inertias();
   for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
-    work[i].torque = -(work[i].inertia * angular_wanted[i]);
-    work[i].force = linear_wanted[i] * -bodies[i].mass;
+    work[i].torque = -(work[i].inertia * (angular_wanted[i] - carried_angular()));
+    work[i].force = (linear_wanted[i] - carried_linear(i)) * -bodies[i].mass;
   }
   sweep(rate, false);
+  if (!fixed_base) return;
+  rate.angular = stage_rate.angular;
+  rate.linear = stage_rate.linear;
 }
 
 // One step of a power iteration for the fastest vibration mode about the present motion. slopes[0] must be the present
@@ -395,8 +402,34 @@ btScalar ArticulationDynamics::mass() const {
 }
 
 btScalar ArticulationDynamics::internal_energy() const {
-  const btScalar whole = kinetic_energy();
-  return fixed_base ? whole : std::max(whole - linear_momentum().length2() / (2 * mass()), btScalar(0));
+  if (!fixed_base) return std::max(kinetic_energy() - linear_momentum().length2() / (2 * mass()), btScalar(0));
+  if (!is_carried()) return kinetic_energy();
+  btScalar sum = 0;
+  for (size_t i = 1; i < bodies.size(); ++i) {
+    const btVector3 local = transpose_times(rotations[i], angular[i] - carried_angular());
+    sum += bodies[i].mass * (linear[i] - carried_linear(i)).length2() + local.dot(local * bodies[i].inertia);
+  }
+  return sum / 2;
+}
+
+// Power of the forces on all bodies that a moved base carries, W: it does not change the internal energy.
+btScalar ArticulationDynamics::carrying_power() const {
+  if (!is_carried()) return 0;
+  btScalar power = 0;
+  for (size_t i = 1; i < bodies.size(); ++i)
+    power += bodies[i].force.dot(carried_linear(i)) + bodies[i].torque.dot(carried_angular());
+  return power;
+}
+
+// Kinetic energy of all bodies in a rigid turn with a base that is turned, J. Its change with the joints is the work of
+// the centrifugal forces on the motion relative to the base; those of Coriolis do none.
+btScalar ArticulationDynamics::centrifugal_energy() const {
+  btScalar sum = 0;
+  for (size_t i = 1; i < bodies.size(); ++i) {
+    const btVector3 local = transpose_times(rotations[i], angular[0]);
+    sum += bodies[i].mass * angular[0].cross(origins[i] - origins[0]).length2() + local.dot(local * bodies[i].inertia);
+  }
+  return sum / 2;
 }
 
 btVector3 ArticulationDynamics::total_force() const {
@@ -429,9 +462,16 @@ ArticulationDynamics::Momentum ArticulationDynamics::wrench(const btVector3 &abo
 }
 
 btScalar ArticulationDynamics::drag_power() const {
-  if (fixed_base) return 0;
-  const btVector3 whole = linear_momentum() / mass();
+  if (fixed_base && !is_carried()) return 0;
   btScalar power = 0;
+  if (fixed_base) {
+    for (size_t i = 1; i < bodies.size(); ++i) {
+      power -= bodies[i].mass * bodies[i].linear_drag * linear[i].dot(linear[i] - carried_linear(i)) +
+               bodies[i].angular_drag * angular_momentum(i).dot(angular[i] - carried_angular());
+    }
+    return std::max(power, btScalar(0));
+  }
+  const btVector3 whole = linear_momentum() / mass();
   for (size_t i = 0; i < bodies.size(); ++i) {
     power -= bodies[i].mass * bodies[i].linear_drag * linear[i].dot(linear[i] - whole);
   }
@@ -460,7 +500,7 @@ btScalar ArticulationDynamics::elastic_energy(const Position &at) const {
 btScalar ArticulationDynamics::work_at_rate(btScalar h, const Position &at, const Rate &rate) const {
   btScalar power = 0;
   for (size_t i = 0; i < bodies.size(); ++i) {
-    power += bodies[i].force.dot(linear[i]) + bodies[i].torque.dot(angular[i]);
+    power += bodies[i].force.dot(linear[i] - carried_linear(i)) + bodies[i].torque.dot(angular[i] - carried_angular());
   }
   for (int k = 0; k < coordinates; ++k) power += generalised_forces[k] * rate.q[k];
   return h * power + elastic_energy(at);
@@ -643,6 +683,8 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   }
   const btScalar dragged_before = drag_power(), fastest = start_rotation = fastest_rotation(start_rate);
   start_elastic_energy = springs.empty() ? 0 : elastic_energy(from);
+  start_carrying_power = carrying_power();
+  start_centrifugal_energy = is_carried() ? centrifugal_energy() : 0;
   start_origins = origins;
   // The rotation in the step grows by a quarter of a turn at most, and with it the work of torques beyond that which other
   // forces take: velocities that diverge say nothing about it.
@@ -687,7 +729,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     // The work of torques uses the mean angular velocity.
     btScalar twist_after = 0;
     for (size_t i = 0; i < bodies.size(); ++i) twist_after += bodies[i].torque.dot(angular[i]);
-    Works by_forces = works_of_forces(from, to);
+    Works by_forces = works_of_forces(h, from, to);
     for (const Drive &drive : drives) by_forces.internal += drive.work;
     const btScalar twisted =
         std::min(h / 2 * (twist_before + twist_after), most_twisted + btFabs(by_forces.internal));
@@ -770,7 +812,7 @@ btScalar ArticulationDynamics::tangential_step(btScalar h, const Position &from,
   advance_position(to, h, new_rate);
   update_poses(to);
   update_velocities(new_rate);
-  return std::max(start_energy + works_of_forces(from, to).internal, btScalar(0));
+  return std::max(start_energy + works_of_forces(h, from, to).internal, btScalar(0));
 }
 
 ArticulationDynamics::Momentum ArticulationDynamics::uniform_step(btScalar h, const Position &from, Position &to,
@@ -798,7 +840,7 @@ ArticulationDynamics::Momentum ArticulationDynamics::uniform_step(btScalar h, co
   return change;
 }
 
-ArticulationDynamics::Works ArticulationDynamics::works_of_forces(const Position &from, const Position &to) const {
+ArticulationDynamics::Works ArticulationDynamics::works_of_forces(btScalar h, const Position &from, const Position &to) const {
   // Forces are constant, so that their work is exact.
   Works works{start_elastic_energy - (springs.empty() ? 0 : elastic_energy(to)), 0};
   btVector3 moved(0, 0, 0);
@@ -813,6 +855,10 @@ ArticulationDynamics::Works ArticulationDynamics::works_of_forces(const Position
     const btScalar way = to.q[k] - from.q[k];
     // The forces that bound accelerations may take energy and add none.
     works.internal += unbounded_forces[k] * way + std::min((generalised_forces[k] - unbounded_forces[k]) * way, btScalar(0));
+  }
+  if (is_carried()) {
+    works.internal += centrifugal_energy() - start_centrifugal_energy;
+    works.internal -= h / 2 * (start_carrying_power + carrying_power());
   }
   return works;
 }
@@ -866,7 +912,7 @@ void ArticulationDynamics::runge_kutta(btScalar h, const Position &from, const R
   };
   const Rate *v = speeds, *a = slopes;
   to.rotation = from.rotation;
-  if (!fixed_base) to.rotation = (from.rotation + way_of(spins[0], spins[1], spins[2], spins[3])).normalized();
+  if (!fixed_base || !rate.angular.isZero()) to.rotation = (from.rotation + way_of(spins[0], spins[1], spins[2], spins[3])).normalized();
   to.origin = from.origin + way_of(v[0].linear, v[1].linear, v[2].linear, v[3].linear);
   new_rate.angular = rate.angular + way_of(a[0].angular, a[1].angular, a[2].angular, a[3].angular);
   new_rate.linear = rate.linear + way_of(a[0].linear, a[1].linear, a[2].linear, a[3].linear);

@@ -138,7 +138,7 @@ class ArticulationDynamics {
   // date.
   btScalar response(int coordinate);
   // Projects velocities of the bodies onto the joints: finds the rates with the least kinetic energy of the difference.
-  // Poses must be up to date.
+  // Poses must be up to date. The velocity of a fixed base, which is that of `rate`, is given.
   void project(const btVector3 *linear, const btVector3 *angular, Rate &rate);
 
   // Integrates over h s by the classical Runge-Kutta method. Poses must be those of `from`, and are undefined
@@ -167,8 +167,8 @@ class ArticulationDynamics {
 
   // Kinetic energy of all bodies, J, from the velocities of the last `update_velocities`.
   btScalar kinetic_energy() const;
-  // Internal energy, J: the kinetic energy without that of the centre of mass if the base is free. It does not depend
-  // on the speed of a fall.
+  // Internal energy, J: the kinetic energy without that of the centre of mass if the base is free, and relative to the
+  // base if that is fixed: it depends neither on the speed of a fall nor on that at which a base is moved.
   btScalar internal_energy() const;
   // Power that drag adds to the internal energy, W, at least 0: joined bodies of different drag that fall accelerate
   // each other.
@@ -223,6 +223,8 @@ class ArticulationDynamics {
   // becomes that given. Changes the rate of the base.
   void set_momentum(const Momentum &momentum, const btVector3 &about, Rate &rate);
 
+  // No force moves the base. It may be moved all the same: the velocity of all rates is then that of its prescribed motion,
+  // at a constant twist over a step.
   const bool fixed_base;
   int coordinates = 0, balls = 0;
   Vector<Body> bodies;
@@ -273,6 +275,14 @@ class ArticulationDynamics {
   };
 
   btVector3 total_force() const;
+  // Whether a fixed base moves, and the velocity that a body would have with it if all joints were rigid; else 0.
+  bool is_carried() const { return fixed_base && !(linear[0].isZero() && angular[0].isZero()); }
+  btVector3 carried_linear(size_t body) const {
+    return is_carried() ? linear[0] + angular[0].cross(origins[body] - origins[0]) : btVector3(0, 0, 0);
+  }
+  btVector3 carried_angular() const { return is_carried() ? angular[0] : btVector3(0, 0, 0); }
+  btScalar carrying_power() const;
+  btScalar centrifugal_energy() const;
   Momentum wrench(const btVector3 &about) const;
   // Corrects the momentum after a step of h s, from that and the wrench about the mass centre before it.
   void restore_momentum(btScalar h, const Momentum &before, const Momentum &wrench_before, Rate &rate);
@@ -298,12 +308,12 @@ class ArticulationDynamics {
   void stop_at(int coordinate, btScalar most, Rate &rate);
   void apply_damping(btScalar h, const Position &at, Rate &rate);
   // Work of forces, generalised forces and springs between the position at the beginning of the step and `to`, whose
-  // poses are the present ones, J: on the motion relative to the centre of mass if the base is free, and on that of the
-  // centre of mass.
+  // poses and velocities are the present ones, J: on the motion relative to the centre of mass if the base is free and to
+  // the base if it is fixed, and on that of the centre of mass.
   struct Works {
     btScalar internal, of_mass_centre;
   };
-  Works works_of_forces(const Position &from, const Position &to) const;
+  Works works_of_forces(btScalar h, const Position &from, const Position &to) const;
   btScalar elastic_energy(const Position &at) const;
   btScalar rounding_of_work(const Position &at) const;
   void update_fastest_mode(const Position &at, const Rate &rate);
@@ -339,6 +349,8 @@ class ArticulationDynamics {
   Vector<btScalar> mode;
   btScalar stiffness = 0;
   btScalar start_elastic_energy = 0;
+  // See `carrying_power` and `centrifugal_energy`.
+  btScalar start_carrying_power = 0, start_centrifugal_energy = 0;
   // Number of steps until the mode is estimated again.
   int steps_until_probe = 0;
 };

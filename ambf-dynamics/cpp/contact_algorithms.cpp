@@ -39,16 +39,18 @@ btScalar breaking_threshold(const btCollisionObject &object) {
 class ConvexPair final : public btConvexConvexAlgorithm {
  public:
   ConvexPair(const btCollisionAlgorithmConstructionInfo &info, const btCollisionObjectWrapper *first,
-             const btCollisionObjectWrapper *second, btConvexPenetrationDepthSolver *depth_solver, NearContacts *near)
+             const btCollisionObjectWrapper *second, btConvexPenetrationDepthSolver *depth_solver, NearContacts *near,
+             LineContacts *lines)
       : btConvexConvexAlgorithm(info.m_manifold, info, first, second, depth_solver, 0, 0),
         depth_solver_(depth_solver),
-        near_(near) {}
+        near_(near),
+        lines_(lines) {}
 
   void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
                         const btDispatcherInfo &info, btManifoldResult *result) override {
     btConvexConvexAlgorithm::processCollision(first, second, info, result);
     near_->add(*first, *second, *result, info.m_timeStep);
-    if (!is_deep(*result)) return;
+    if (lines_->replace(*first, *second, *result) || !is_deep(*result)) return;
     btCollisionAlgorithmConstructionInfo made(m_dispatcher, 1);
     btConvexConvexAlgorithm perturbed(result->getPersistentManifold(), made, first, second, depth_solver_,
                                       PERTURBATIONS, ENOUGH_POINTS);
@@ -58,6 +60,7 @@ class ConvexPair final : public btConvexConvexAlgorithm {
  private:
   btConvexPenetrationDepthSolver *const depth_solver_;
   NearContacts *const near_;
+  LineContacts *const lines_;
 };
 
 class BoxPair final : public btBoxBoxCollisionAlgorithm {
@@ -282,7 +285,7 @@ btCollisionAlgorithm *create(const btCollisionAlgorithmConstructionInfo &info, A
 btCollisionAlgorithm *ContactAlgorithms::Pairs::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
                                                                          const btCollisionObjectWrapper *first,
                                                                          const btCollisionObjectWrapper *second) {
-  return create<ConvexPair>(info, first, second, m_pdSolver, near);
+  return create<ConvexPair>(info, first, second, m_pdSolver, near, lines);
 }
 
 btCollisionAlgorithm *ContactAlgorithms::Boxes::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,

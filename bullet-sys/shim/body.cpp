@@ -52,6 +52,7 @@ void amb_body_set_velocity(AmbBody *body, const double linear[3], const double a
 
 void amb_body_set_pose(AmbBody *body, const double pose[12]) {
   const btTransform transform = transform_of(pose);
+  amb_body_rest(body);
   if (body->world) {
     set_pose(*body->world, *body, transform);
   } else {
@@ -60,9 +61,34 @@ void amb_body_set_pose(AmbBody *body, const double pose[12]) {
   }
 }
 
+void amb_body_move(AmbBody *body, const double pose[12], const double velocity[6]) {
+  btRigidBody &rigid = body->body;
+  if (!rigid.isStaticObject() || !body->world) return;
+  // Bullet takes the velocity of static objects for 0 in contacts, unless they are kinematic, too. A body without mass may
+  // have moments of inertia, by which impulses would turn it.
+  rigid.setCollisionFlags(rigid.getCollisionFlags() | btCollisionObject::CF_KINEMATIC_OBJECT);
+  rigid.setMassProps(0, btVector3(0, 0, 0));
+  rigid.updateInertiaTensor();
+  rigid.setLinearVelocity(vector_of(velocity));
+  rigid.setAngularVelocity(vector_of(velocity + 3));
+  body->moved_to = transform_of(pose);
+  body->world->moved.push_back(body);
+  activate_neighbours(*body->world, *body);
+}
+
+void amb_body_rest(AmbBody *body) {
+  btRigidBody &rigid = body->body;
+  if (!rigid.isKinematicObject()) return;
+  const btVector3 zero(0, 0, 0);
+  rigid.setLinearVelocity(zero);
+  rigid.setAngularVelocity(zero);
+  rigid.setCollisionFlags(rigid.getCollisionFlags() & ~btCollisionObject::CF_KINEMATIC_OBJECT);
+}
+
 void amb_body_reset(AmbBody *body, const double pose[12], const double *gravity) {
   btRigidBody &rigid = body->body;
   const btVector3 zero(0, 0, 0);
+  amb_body_rest(body);
   rigid.clearForces();
   rigid.setLinearVelocity(zero);
   rigid.setAngularVelocity(zero);

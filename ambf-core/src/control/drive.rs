@@ -110,7 +110,7 @@ impl<T: Quantity + Default> RateExtrapolator<T> {
 }
 
 /// How far two quantities agree: 1, if they differ by no more than half of the larger one, 0 if by all of it.
-fn agreement<T: Quantity>(a: T, b: T) -> f64 {
+pub(crate) fn agreement<T: Quantity>(a: T, b: T) -> f64 {
     let share = 2.0 * (1.0 - (a - b).size() / a.size().max(b.size()));
     if share > 0.0 {
         share.min(1.0)

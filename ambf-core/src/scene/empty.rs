@@ -98,6 +98,7 @@ pub(super) fn empty_scene(
         joint_erp,
         articulates_all,
         gyroscopic: physics.gyroscopic.unwrap_or_default(),
+        kinematic_bodies: physics.kinematic_bodies.unwrap_or(profile == Profile::Accurate || physics.preset.is_some()),
         ..Scene::empty(bullet, world, options)
     }
 }

@@ -6,6 +6,7 @@ mod assemble;
 mod attached;
 mod body;
 mod build;
+mod carriage;
 mod commands;
 mod descriptions;
 mod elements;
@@ -103,6 +104,8 @@ pub struct SceneOptions {
     pub is_one_of_many: bool,
     /// States of the simulation can be [saved](crate::sim::Simulation::save). Default: `false`.
     pub savable: bool,
+    /// The [wrenches](Joint::wrench) of all joints are measured, not only of those with `enable feedback`. Default: `false`.
+    pub joint_wrenches: bool,
 }
 
 /// A remark on a scene: what was dropped, replaced or guessed while it was built.
@@ -190,6 +193,8 @@ pub struct Scene {
     articulates_all: bool,
     /// How the gyroscopic torque is integrated.
     pub gyroscopic: Gyroscopic,
+    /// Bodies without mass that commands move have the velocity of their motion.
+    pub kinematic_bodies: bool,
     /// Whether any joint estimates its reactions.
     pub has_feedback: bool,
     /// What the world was made from: also all that is only drawn (skybox, shaders).
@@ -241,6 +246,7 @@ impl Scene {
             joint_erp: None,
             articulates_all: false,
             gyroscopic: Gyroscopic::default(),
+            kinematic_bodies: false,
             has_feedback: false,
             description,
             plugins: Vec::new(),
@@ -294,6 +300,7 @@ impl Scene {
             joint_erp: _,
             articulates_all: _,
             gyroscopic: _,
+            kinematic_bodies: _,
             description: _,
             options: _,
         } = self;
@@ -501,6 +508,7 @@ impl Scene {
             joint_positions: coordinates(),
             joint_velocities: coordinates(),
             joint_efforts: coordinates(),
+            joint_wrenches: Table::filled(Wrench::default(), self.joints.len()),
             ..Snapshot::default()
         };
         self.lists().into_iter().for_each(|list| list.make_room(self, &mut snapshot));

@@ -57,7 +57,13 @@ pub fn load_world(wanted: &Wanted) -> Result<Made, Vec<String>> {
         None => None,
     };
     let files = files(wanted, launch.as_deref())?;
-    let options = SceneOptions { physics, savable: wanted.saving, is_one_of_many: true, ..SceneOptions::default() };
+    let options = SceneOptions {
+        physics,
+        savable: wanted.saving,
+        is_one_of_many: true,
+        joint_wrenches: true,
+        ..SceneOptions::default()
+    };
     let Loaded { scene, report } = load(&files, &options);
     if !report.refused.is_empty() {
         return Err(report.refused.iter().map(|problem| problem.trim_end().to_owned()).collect());

@@ -88,6 +88,7 @@ pub struct World {
     joint_positions: Buffer,
     joint_velocities: Buffer,
     joint_efforts: Buffer,
+    joint_wrenches: Buffer,
     measurements: Buffer,
     holding: Buffer,
     commands: BodyCommands,
@@ -181,6 +182,12 @@ impl World {
         for (buffer, values) in joints {
             buffer.write::<f64>(py, |numbers| numbers.iter_mut().zip(values).for_each(|(to, from)| *to = *from))?;
         }
+        self.joint_wrenches.write::<f64>(py, |numbers| {
+            for (to, wrench) in numbers.chunks_exact_mut(6).zip(&snapshot.joint_wrenches) {
+                to[..3].copy_from_slice(wrench.force.as_slice());
+                to[3..].copy_from_slice(wrench.torque.as_slice());
+            }
+        })?;
         self.measurements.write::<f64>(py, |numbers| {
             for sensor in &self.sensors {
                 let rays = numbers.get_mut(sensor.rays.clone()).unwrap_or_default();
@@ -336,6 +343,7 @@ impl World {
             joint_positions: Buffer::state::<f64>(py, &[joints.len()])?,
             joint_velocities: Buffer::state::<f64>(py, &[joints.len()])?,
             joint_efforts: Buffer::state::<f64>(py, &[joints.len()])?,
+            joint_wrenches: Buffer::state::<f64>(py, &[joints.len(), 6])?,
             measurements: Buffer::state::<f64>(py, &[rays])?,
             holding: Buffer::state::<bool>(py, &[actuators.len()])?,
             commands: BodyCommands::new(py, rows.len())?,
@@ -429,6 +437,11 @@ impl World {
     #[getter]
     fn joint_efforts(&self, py: Python<'_>) -> Py<PyAny> {
         self.joint_efforts.view(py)
+    }
+
+    #[getter]
+    fn joint_wrenches(&self, py: Python<'_>) -> Py<PyAny> {
+        self.joint_wrenches.view(py)
     }
 
     #[getter]

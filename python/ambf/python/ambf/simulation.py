@@ -172,6 +172,10 @@ class Simulation(_Arrays):
         """(joints) rad/s or m/s. Read-only."""
         self.joint_efforts: Array = inside.joint_efforts
         """(joints) N·m or N; 0 without `enable feedback`. Read-only."""
+        self.joint_wrenches: Array = inside.joint_wrenches
+        """(joints x 6) what each joint exerts on its child: force, N, and torque about the child's end of the joint, N·m, world axes;
+        the mean over the last sub-step. Motors, limits and springs of the joint count. Profile `legacy`: what Bullet applied, without
+        commanded efforts. Read-only."""
         self.measurements: Array = inside.measurements
         """(rays of all sensors) 0 … 1, larger is closer, 0 is nothing. Read-only. `Sensor.measurements` is a sensor's part."""
         self.holding: NDArray[np.bool_] = inside.holding
@@ -545,6 +549,11 @@ class Body(_Arrays):
     def joint_efforts(self) -> Array:
         """(joints below) N·m or N: a copy."""
         return self.simulation.joint_efforts[self.joint_indices]
+
+    @property
+    def joint_wrenches(self) -> Array:
+        """(joints below x 6) N and N·m: see `Simulation.joint_wrenches`. A copy."""
+        return self.simulation.joint_wrenches[self.joint_indices]
 
 
 class Sensor(_Arrays):
