@@ -27,12 +27,15 @@ pub struct CrtkFiles<'a> {
     pub board: Board,
     /// What the command line says to ROS: topics and services that are called otherwise.
     pub arguments: RosArguments,
+    /// What differs from run to run is drawn from it.
+    pub seed: Option<u64>,
 }
 
 impl Default for CrtkFiles<'_> {
     /// No arms.
     fn default() -> Self {
-        Self { files: &[], versions: RosVersions::None, board: Board::default(), arguments: RosArguments::default() }
+        let (versions, board, arguments) = (RosVersions::None, Board::default(), RosArguments::default());
+        Self { files: &[], versions, board, arguments, seed: None }
     }
 }
 
@@ -88,7 +91,7 @@ impl<T: Transport> Transport for Mapped<T> {
 /// What is to be loaded, and from where.
 pub fn setup(launch: &[PluginEntry], command_line: &[PathBuf], crtk: CrtkFiles<'_>) -> PluginSetup {
     let mut registry = Registry::default();
-    let arms = crtk::plugin::register(&mut registry, crtk.files, &connect(crtk.versions, crtk.arguments), &crtk.board);
+    let arms = crtk::plugin::register(&mut registry, crtk.files, &connect(crtk.versions, crtk.arguments), &crtk.board, crtk.seed);
     PluginSetup {
         registry,
         search: Search::from_environment(),

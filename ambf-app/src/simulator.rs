@@ -134,6 +134,7 @@ fn load_simulation(
         versions: ros_versions(options),
         board: arms.clone(),
         arguments: arguments.clone(),
+        seed: options.seed.map(u64::from),
     };
     plugins::load(&mut simulation, &launch.plugins, &options.plugins, crtk, options.verbose);
     Ok((simulation, host, found.to_string()))

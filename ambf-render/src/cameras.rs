@@ -60,11 +60,14 @@ pub fn find_camera(visuals: &VisualScene, wanted: Option<&str>) -> Result<Camera
     let object = |id: CameraId| &visuals.cameras[id].object;
     let key = |id: CameraId| object(id).identifier.rsplit('/').next().unwrap_or_default();
     type Way<'a> = &'a dyn Fn(CameraId, &str) -> bool;
-    let ways: [Way<'_>; 4] = [
+    let ending = format!("/{wanted}");
+    let ways: [Way<'_>; 5] = [
         &|_, label| label == wanted,
         &|id, _| &*object(id).identifier == wanted,
         &|id, _| &*object(id).name == wanted,
         &|id, _| key(id) == wanted,
+        // The name with a part of its namespace, as lists of cameras show it.
+        &|_, label| label.ends_with(&ending),
     ];
     for way in ways {
         let found: Vec<CameraId> = labels.iter().filter(|(id, label)| way(*id, label)).map(|(id, _)| *id).collect();
@@ -109,7 +112,7 @@ mod tests {
         let visuals = visuals(&[("one", "left_eye"), ("two", "right_eye")]);
         let identifier = visuals.cameras[CameraId::new(1)].object.identifier.to_string();
         assert!(identifier.ends_with("two"), "{identifier}");
-        for name in ["/w/cameras/right_eye", "right_eye", "two", &identifier] {
+        for name in ["/w/cameras/right_eye", "cameras/right_eye", "right_eye", "two", &identifier] {
             assert_eq!(find_camera(&visuals, Some(name)), Ok(CameraId::new(1)), "{name}");
         }
         assert_eq!(find_camera(&visuals, None), Ok(CameraId::new(0)));

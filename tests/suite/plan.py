@@ -142,6 +142,7 @@ def python_tests(module):
     variables = shown(module)
     python = variables["AMBF_PYTHON"]
     sources = [f"{package}/{'python' if package == 'ambf' else 'src'}/{package}" for package in PACKAGES]
+    sources.append("ambf_gym/src/ambf_peg_transfer")
     folder, ruff = ROOT / "python", (python, "-m", "ruff")
     suite = ("--config", "python/ruff.toml", "tests/suite", "tests/domains.py")
     jobs = [

@@ -39,6 +39,8 @@ pub struct SimulatorOptions {
     pub plugins: Vec<PathBuf>,
     /// Configurations of arms that are offered to CRTK clients.
     pub crtk: Vec<PathBuf>,
+    /// What differs from run to run is drawn from it. Default: nothing does.
+    pub seed: Option<u32>,
     /// Launch file. It need not exist.
     pub launch_file: PathBuf,
     /// Model files, loaded first.
@@ -204,6 +206,9 @@ struct Arguments {
     /// Offer the arms of these configurations to CRTK clients
     #[arg(long, value_name = "FILE,…", help_heading = "ROS")]
     crtk: Option<String>,
+    /// Draw what differs from run to run, such as errors of joints: the same seed, the same run
+    #[arg(long, value_name = "N", help_heading = "ROS")]
+    seed: Option<u32>,
     /// Open camera windows [default: where there is a display]
     #[arg(short = 'g', long = "show_gui", value_name = "BOOL", value_parser = boolean)]
     #[arg(help_heading = "Scene", action = clap::ArgAction::Set)]
@@ -347,6 +352,7 @@ impl Arguments {
             speed_factor,
             plugins: self.plugins.as_deref().map(paths).unwrap_or_default(),
             crtk: self.crtk.as_deref().map(paths).unwrap_or_default(),
+            seed: self.seed,
             launch_file,
             model_files,
             model_indexes,

@@ -266,6 +266,7 @@ mod tests {
                 "/ambf/env/World/Command ambf_msgs/WorldCmd in",
                 "/ambf/env/World/Command/Reset std_msgs/Empty in",
                 "/ambf/env/World/Command/Reset/Bodies std_msgs/Empty in",
+                "/ambf/env/World/Command/ResetBodies std_msgs/Empty in",
                 "/ambf/env/World/State ambf_msgs/WorldState out",
                 "/ambf/env/World/Timing ambf_msgs/Timing out",
                 "/ambf/env/World/add_model ambf_msgs/AddModel service",

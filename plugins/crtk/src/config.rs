@@ -5,6 +5,7 @@ mod cpp;
 mod read;
 
 use std::collections::BTreeSet;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::Path;
 
 use ambf_model::adf::{Entry, LoadError, Outline, SourcePos};
@@ -14,6 +15,8 @@ use thiserror::Error;
 use crate::arm::{Dialect, OnLimit};
 use crate::grasp::GraspConfig;
 use crate::kinematics::{Limits, MAX_JOINTS};
+use crate::seed::ScatterConfig;
+use crate::socket::{SocketConfig, Style, Told};
 use read::Map;
 
 /// Why a configuration is of no use.
@@ -196,8 +199,23 @@ pub struct ArmConfig {
     pub ik: IkKind,
     /// Topics of the real dVRK too.
     pub extras: bool,
+    /// Bounds of the errors of the first joints, rad or m, drawn where there is a seed; none: they have no errors.
+    pub errors: Vec<f64>,
+    /// How it is offered over UDP.
+    pub socket: Option<SocketConfig>,
+    /// Without joints: the body that a virtual endoscope arm moves.
+    pub body: Option<String>,
     /// Where it is written.
     pub source: SourcePos,
+}
+
+/// What a file asks for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Configuration {
+    /// Arms.
+    pub arms: Vec<ArmConfig>,
+    /// Bodies whose places follow from the seed.
+    pub scatter: Option<ScatterConfig>,
 }
 
 const KEYS: &[&str] = &[
@@ -207,6 +225,7 @@ const KEYS: &[&str] = &[
     "coupling",
     "dialect",
     "efforts",
+    "errors",
     "extras",
     "grasp",
     "home",
@@ -222,6 +241,7 @@ const KEYS: &[&str] = &[
     "rate",
     "reference",
     "robot_file",
+    "socket",
     "speeds",
     "tool",
     "body",
@@ -231,7 +251,7 @@ const KEYS: &[&str] = &[
 ///
 /// # Errors
 /// [`ConfigError`].
-pub fn load(path: &Path) -> Result<Vec<ArmConfig>, ConfigError> {
+pub fn load(path: &Path) -> Result<Configuration, ConfigError> {
     let outline = Outline::load(path)?;
     let directory = path.parent().unwrap_or(Path::new("")).to_owned();
     from_outline(&outline, &directory)
@@ -242,13 +262,13 @@ pub fn load(path: &Path) -> Result<Vec<ArmConfig>, ConfigError> {
 ///
 /// # Errors
 /// [`ConfigError`].
-pub fn from_outline(outline: &Outline, directory: &Path) -> Result<Vec<ArmConfig>, ConfigError> {
+pub fn from_outline(outline: &Outline, directory: &Path) -> Result<Configuration, ConfigError> {
     let root = outline.root();
     let of_file = |text: &str| load(&directory.join(text));
     if let Some(own) = root.get("crtk") {
         return match own.text() {
             Some(text) => of_file(text),
-            None => arms(own, directory),
+            None => Ok(Configuration { arms: arms(own, directory)?, scatter: scatter(&Map::new(root))? }),
         };
     }
     let named = root.get("crtk_config").or_else(|| first_plugin_with_config(root));
@@ -256,7 +276,7 @@ pub fn from_outline(outline: &Outline, directory: &Path) -> Result<Vec<ArmConfig
         return of_file(text);
     }
     if root.get("interface").is_some() {
-        return cpp::read(root);
+        return Ok(Configuration { arms: cpp::read(root)?, scatter: None });
     }
     Err(ConfigError::Nothing { place: root.source() })
 }
@@ -314,6 +334,9 @@ fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
     let described = described.unwrap_or_default();
     let joints: Vec<String> = map.texts("joints")?.unwrap_or_default();
     let count = joints.len();
+    // An endoscope arm without joints moves a body as its table says.
+    let is_virtual = kind == Kind::Ecm && map.get("body").is_some() && map.get("joints").is_none();
+    let count = if is_virtual { VIRTUAL.len() } else { count };
     if kind != Kind::Object && !(1..=MAX_JOINTS).contains(&count) {
         let expected = format!("1 to {MAX_JOINTS} joints, in order");
         return Err(match map.get("joints") {
@@ -321,9 +344,13 @@ fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
             None => map.missing("joints", &expected),
         });
     }
-    let own_names = joints.iter().map(|joint| wire_name(joint)).collect();
+    let own_names: Vec<String> = match is_virtual {
+        true => VIRTUAL.iter().map(|&name| name.into()).collect(),
+        false => joints.iter().map(|joint| wire_name(joint)).collect(),
+    };
     let named = described.names.filter(|names| names.len() == count);
-    let by_kind = (defaults.names.len() == count).then(|| defaults.names.iter().map(|&name| name.into()).collect());
+    // The challenge's interface has the scene's names.
+    let by_kind = (defaults.names.len() == count && dialect != Dialect::Src).then(|| defaults.names.iter().map(|&name| name.into()).collect());
     let names = map.texts("names")?.or(named).or(by_kind).unwrap_or(own_names);
     if names.len() != count {
         return Err(map.wrong("names", &format!("{count} names, one a joint")));
@@ -357,8 +384,12 @@ fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
         _ => map
             .numbers("home", count)?
             .or(described.home)
-            .or_else(|| (defaults.home.len() == count).then(|| defaults.home.to_vec())),
+            .or_else(|| (defaults.home.len() == count && !is_virtual).then(|| defaults.home.to_vec())),
     };
+    let errors = map.list("errors")?.unwrap_or_default();
+    if errors.len() > count || errors.iter().any(|&bound| bound < 0.0) {
+        return Err(map.wrong("errors", &format!("at most {count} bounds of 0 or more, rad or m")));
+    }
     let rate = map.number("rate")?.unwrap_or(defaults.rate);
     if !(1.0..=1000.0).contains(&rate) {
         return Err(map.wrong("rate", "1 to 1000 a second"));
@@ -371,12 +402,12 @@ fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
         coupling: coupling(&map, &joints)?,
         jaw: jaw(&map, described.jaw.as_ref())?,
         grasp: grasp(&map)?,
-        tool: tool(&map, kind)?,
+        tool: if is_virtual { None } else { tool(&map, kind)? },
         reference: map
             .text("reference")
             .map(str::to_owned)
             .or(described.reference)
-            .unwrap_or_else(|| defaults.reference.into()),
+            .unwrap_or_else(|| if is_virtual { "world".into() } else { defaults.reference.into() }),
         limits,
         on_limit: map.choice("on_limit", &on_limits)?.unwrap_or(defaults.on_limit),
         efforts: map.numbers("efforts", count)?,
@@ -385,6 +416,9 @@ fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
         clock: map.choice("clock", &clocks)?.unwrap_or(ClockKind::Wall),
         ik: map.choice("ik", &iks)?.unwrap_or(IkKind::Dls),
         extras: map.boolean("extras")?.unwrap_or(false),
+        errors,
+        socket: socket(&map, kind)?,
+        body: is_virtual.then(|| map.text("body").unwrap_or_default().to_owned()),
         source: entry.source(),
         name,
         space,
@@ -397,8 +431,74 @@ fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
     })
 }
 
+/// Joints of an endoscope arm that is not in the scene, as the challenge's interface calls them.
+const VIRTUAL: [&str; 4] = ["j0", "j1", "j2", "j3"];
+
+fn scatter(root: &Map<'_>) -> Result<Option<ScatterConfig>, ConfigError> {
+    let Some(entry) = root.get("scatter") else { return Ok(None) };
+    let map = Map::new(entry);
+    map.only(&["bodies", "places"])?;
+    let bodies = map.texts("bodies")?.ok_or_else(|| map.missing("bodies", "a list of names"))?;
+    let list = map.get("places").ok_or_else(|| map.missing("places", "a list of places [x, y]"))?;
+    let number = |entry: Entry<'_>| entry.text()?.trim().parse().ok().filter(|value: &f64| value.is_finite());
+    let place = |entry: Entry<'_>| {
+        let numbers: Vec<f64> = entry.items().map(number).collect::<Option<_>>()?;
+        <[f64; 2]>::try_from(numbers).ok()
+    };
+    let places: Option<Vec<[f64; 2]>> = list.items().map(place).collect();
+    let places = places.filter(|places| places.len() >= bodies.len());
+    let places = places.ok_or_else(|| map.wrong("places", "places [x, y] in m, at least one a body"))?;
+    Ok(Some(ScatterConfig { bodies, places }))
+}
+
+fn socket(map: &Map<'_>, kind: Kind) -> Result<Option<SocketConfig>, ConfigError> {
+    let Some(entry) = map.get("socket") else { return Ok(None) };
+    let map = Map::new(entry);
+    map.only(&["listen", "to", "style", "rate", "send", "offset_rpy"])?;
+    let style = map.choice("style", &[("bridge", Style::Bridge), ("streamer", Style::Streamer)])?;
+    let style = style.unwrap_or(Style::Streamer);
+    let text = map.needed_text("listen", "a port, or an address such as 127.0.0.1:5701")?;
+    let port = text.parse().map(|port| SocketAddr::new(IpAddr::V4(Ipv4Addr::UNSPECIFIED), port));
+    let listen = port.ok().or_else(|| text.parse().ok());
+    let listen = listen.ok_or_else(|| map.wrong("listen", "a port, or an address such as 127.0.0.1:5701"))?;
+    let expected = "an address such as 127.0.0.1:48051, or sender";
+    let to = match map.text("to") {
+        None | Some("sender") => None,
+        Some(text) => Some(text.parse().map_err(|_| map.wrong("to", expected))?),
+    };
+    let rate = map.number("rate")?.unwrap_or(if style == Style::Bridge { 60.0 } else { 100.0 });
+    if !(1.0..=1000.0).contains(&rate) {
+        return Err(map.wrong("rate", "1 to 1000 a second"));
+    }
+    let usual: &[Told] = match (style, kind) {
+        (Style::Bridge, Kind::Ecm) => &[Told::SetPointPose, Told::SetPointJoints],
+        (Style::Bridge, _) => &[Told::SetPointPose, Told::SetPointJaw],
+        (Style::Streamer, _) => &[
+            Told::MeasuredJoints,
+            Told::MeasuredJaw,
+            Told::SetPointPose,
+            Told::SetPointJaw,
+            Told::OperatingState,
+        ],
+    };
+    let tell = match map.texts("send")? {
+        None => usual.to_vec(),
+        Some(keys) => {
+            let named = |key: &String| Told::ALL.iter().find(|(known, _)| known == key).map(|(_, told)| *told);
+            let known = Told::ALL.map(|(known, _)| known).join(", ");
+            let told: Option<Vec<Told>> = keys.iter().map(named).collect();
+            told.ok_or_else(|| map.wrong("send", &format!("a list of {known}")))?
+        }
+    };
+    // The headset's axes: x to the other side, and z towards the user.
+    let turned = if style == Style::Bridge && kind == Kind::Psm { std::f64::consts::PI } else { 0.0 };
+    let rpy = map.numbers("offset_rpy", 3)?.unwrap_or_else(|| vec![turned, 0.0, turned]);
+    let offset = UnitQuaternion::from_euler_angles(rpy[0], rpy[1], rpy[2]);
+    Ok(Some(SocketConfig { listen, to, style, rate, tell, offset }))
+}
+
 /// A joint's name without what stands before the last `/` or the first word.
-fn wire_name(joint: &str) -> String {
+pub(crate) fn wire_name(joint: &str) -> String {
     let last = joint.rsplit('/').next().unwrap_or(joint);
     last.trim_start_matches("JOINT ").to_owned()
 }

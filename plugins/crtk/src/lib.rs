@@ -13,6 +13,8 @@
 //! | [`transport`] | how topics reach clients: a trait, and ROS 1 |
 //! | [`exchange`], [`serve`] | commands and states between threads; the thread that publishes |
 //! | [`bind`], [`grasp`], [`plugin`] | arms in a scene; what their jaws hold; the plugin of the simulator |
+//! | [`socket`] | an arm over UDP, in JSON |
+//! | [`seed`] | what differs from run to run: errors of joints, places of bodies |
 //! | [`statistics`], [`diagnostics`] | how regularly arms are updated; reports on them |
 //!
 //! The mathematics is in `README.md`, use in `docs/crtk.md`.
@@ -27,7 +29,9 @@ pub mod kinematics;
 pub mod messages;
 pub mod plugin;
 pub mod queries;
+pub mod seed;
 pub mod serve;
+pub mod socket;
 pub mod statistics;
 pub mod topics;
 pub mod trajectory;

@@ -24,12 +24,14 @@ mod generated {
         geometry_msgs / TwistStamped,
         geometry_msgs / WrenchStamped,
         rosgraph_msgs / Clock,
+        sensor_msgs / ChannelFloat32,
         sensor_msgs / JointState,
         std_msgs / Bool,
         std_msgs / Empty,
         std_msgs / Float64,
         std_msgs / Float64MultiArray,
-        std_msgs / String
+        std_msgs / String,
+        std_msgs / UInt32
     );
 }
 
@@ -62,6 +64,10 @@ pub enum MessageType {
     Number,
     /// `geometry_msgs/Quaternion`.
     Quaternion,
+    /// `sensor_msgs/ChannelFloat32`.
+    Channel,
+    /// `std_msgs/UInt32`.
+    Count,
     /// `rosgraph_msgs/Clock`.
     Clock,
     /// `cisst_msgs/IntervalStatistics`.
@@ -87,6 +93,8 @@ impl MessageType {
             Self::Empty => of::<std_msgs::Empty>(),
             Self::Number => of::<std_msgs::Float64>(),
             Self::Quaternion => of::<geometry_msgs::Quaternion>(),
+            Self::Channel => of::<sensor_msgs::ChannelFloat32>(),
+            Self::Count => of::<std_msgs::UInt32>(),
             Self::Clock => of::<rosgraph_msgs::Clock>(),
             Self::Statistics => of::<cisst_msgs::IntervalStatistics>(),
         }
@@ -358,6 +366,19 @@ pub fn read_number(bytes: &[u8]) -> Option<f64> {
     whole(bytes, |b| b.number())
 }
 
+/// Reads a `sensor_msgs/ChannelFloat32`: its values.
+pub fn read_channel(bytes: &[u8]) -> Option<Vec<f64>> {
+    whole(bytes, |b| {
+        b.text()?;
+        b.list(|b| Some(f64::from(f32::from_le_bytes(b.take(4)?.try_into().ok()?))))
+    })
+}
+
+/// Reads a `std_msgs/UInt32`.
+pub fn read_count(bytes: &[u8]) -> Option<u32> {
+    whole(bytes, |b| Some(u32::from_le_bytes(b.take(4)?.try_into().ok()?)))
+}
+
 /// Reads a `std_msgs/String`.
 pub fn read_text(bytes: &[u8]) -> Option<String> {
     whole(bytes, |b| b.text())
@@ -441,6 +462,16 @@ mod tests {
             changed[start] ^= 0xff;
             let _ = (read_joints(&changed), read_pose(&changed), read_six(&changed), read_stamped_text(&changed));
         }
+    }
+
+    #[test]
+    fn channels_and_counts_are_read() {
+        let channel = sensor_msgs::ChannelFloat32 { name: "errors".into(), values: vec![0.5, -0.25, 0.0] };
+        let bytes = channel.encode_vec().unwrap();
+        assert_eq!(read_channel(&bytes), Some(vec![0.5, -0.25, 0.0]));
+        (0..bytes.len()).for_each(|end| assert_eq!(read_channel(&bytes[..end]), None));
+        assert_eq!(read_count(&std_msgs::UInt32 { data: 70_000 }.encode_vec().unwrap()), Some(70_000));
+        assert_eq!(read_count(&[1, 2, 3]), None);
     }
 
     #[test]

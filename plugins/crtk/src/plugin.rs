@@ -7,22 +7,25 @@ use std::thread::JoinHandle;
 use std::time::Instant;
 
 use ambf_plugin::{
-    AnyPlugin, Host, InitContext, ModelPlugin, Plugin, PluginError, PluginKind, Registry, SimulatorPlugin,
+    AnyPlugin, Host, InitContext, ModelPlugin, ObjectType, Plugin, PluginError, PluginKind, Registry, SimulatorPlugin,
     SnapshotSlot, SnapshotWriter, View, WorldPlugin,
 };
-use crossbeam_channel::{bounded, Sender};
+use crossbeam_channel::{bounded, Receiver, Sender};
 
 use crate::arm::{Arm, Dialect, Event};
 use crate::bind::{bind, Binding, Moving, Reading};
-use crate::config::{self, ArmConfig, ClockKind, ConfigError, Kind};
+use crate::config::{self, ArmConfig, ClockKind, ConfigError, Configuration, Kind};
 use crate::diagnostics::{Board, Shown};
 use crate::exchange::{commands, ArmStatus, Inbox, Status};
-use crate::messages::MessageType;
+use crate::messages::{self, MessageType};
 use crate::queries::{answers, services};
+use crate::seed::{errors, Random, Scatter};
 use crate::serve::{wall_time, Offered, Publisher, Texts, Told};
+use crate::socket::Streamer;
 use crate::statistics::Meter;
-use crate::topics::{topics, Carries, Extras, Output, Topic};
-use crate::transport::{Connect, Transport};
+use crate::topics::{topics, Carries, Extras, Input, Output, Topic};
+use crate::kinematics::Coordinates;
+use crate::transport::{Connect, Receive, Transport};
 
 /// Name of the built-in plugin: `filename: builtin:crtk`.
 pub const NAME: &str = "crtk";
@@ -30,14 +33,27 @@ pub const NAME: &str = "crtk";
 /// Events that wait for the publishing thread; more are lost, which takes a thread that does not run.
 const EVENTS: usize = 4096;
 
+/// Topic by which clients choose the seed: `std_msgs/UInt32`.
+pub const SEED_TOPIC: &str = "/crtk/seed";
+
+/// Seeds that wait for a step; only the last counts.
+const SEEDS: usize = 16;
+
 /// Adds the plugin to those of a program; `files`: configurations that the command line names. Returns what the command
-/// line's list of plugins needs besides. What there is to tell about the arms is asked of `board`.
-pub fn register(registry: &mut Registry, files: &[PathBuf], connect: &Connect, board: &Board) -> Vec<PathBuf> {
+/// line's list of plugins needs besides. What there is to tell about the arms is asked of `board`. `seed`: draws what
+/// differs from run to run; without it nothing does, until a client gives one.
+pub fn register(
+    registry: &mut Registry,
+    files: &[PathBuf],
+    connect: &Connect,
+    board: &Board,
+    seed: Option<u64>,
+) -> Vec<PathBuf> {
     let make = |file: Option<PathBuf>| {
         let (connect, board) = (Arc::clone(connect), board.clone());
         move |kind| {
             let (connect, board) = (Arc::clone(&connect), board.clone());
-            let plugin = Crtk { connect, board, file: file.clone(), running: None };
+            let plugin = Crtk { connect, board, file: file.clone(), seed, running: None };
             match kind {
                 PluginKind::Simulator => Some(AnyPlugin::Simulator(Box::new(plugin))),
                 PluginKind::World => Some(AnyPlugin::World(Box::new(plugin))),
@@ -61,6 +77,7 @@ struct Crtk {
     board: Board,
     /// Configuration that the command line names; `None`: where the plugin is declared.
     file: Option<PathBuf>,
+    seed: Option<u64>,
     running: Option<Running>,
 }
 
@@ -71,6 +88,8 @@ struct Live {
     inbox: Inbox,
     clock: ClockKind,
     reading: Option<Reading>,
+    /// Bounds of its joints' errors.
+    error_bounds: Vec<f64>,
 }
 
 struct Running {
@@ -88,10 +107,16 @@ struct Running {
     /// Memory that is used again.
     fresh: Vec<Event>,
     publisher: Option<JoinHandle<()>>,
+    /// Arms over UDP.
+    _streamers: Vec<Streamer>,
+    scatter: Option<Scatter>,
+    /// What the run is drawn from.
+    seed: Option<u64>,
+    seeds: Receiver<u64>,
 }
 
 impl Crtk {
-    fn configuration(&self, context: &InitContext<'_>) -> Result<Vec<ArmConfig>, PluginError> {
+    fn configuration(&self, context: &InitContext<'_>) -> Result<Configuration, PluginError> {
         if let Some(file) = &self.file {
             return config::load(file).map_err(|error| error.to_string().into());
         }
@@ -104,7 +129,7 @@ impl Crtk {
             }
         });
         match (read, conf(context.arguments())) {
-            (Ok(Some(arms)), _) => Ok(arms),
+            (Ok(Some(read)), _) => Ok(read),
             (Ok(None), Some(file)) => config::load(Path::new(file)).map_err(|error| error.to_string().into()),
             (Ok(None), None) => Err("there is no configuration".into()),
             (Err(_), Some(file)) if context.node().is_empty() => {
@@ -131,7 +156,7 @@ struct Prepared {
 
 impl Plugin for Crtk {
     fn init(&mut self, context: &mut InitContext<'_>) -> Result<(), PluginError> {
-        let configs = self.configuration(context)?;
+        let Configuration { arms: configs, scatter } = self.configuration(context)?;
         let host = context.host();
         let mut prepared = Vec::new();
         let mut problems = Vec::new();
@@ -146,12 +171,21 @@ impl Plugin for Crtk {
         }
         problems.iter().for_each(|problem| host.say(format!("an arm is left out: {problem}")));
         prepared.iter().flat_map(|arm| &arm.binding.notes).for_each(|note| host.say(note));
+        let scatter = match scatter {
+            None => None,
+            Some(config) => {
+                let find = |name: &String| context.world.find(ObjectType::Body, name).ok_or_else(|| name.clone());
+                let bodies = config.bodies.iter().map(find).collect::<Result<Vec<_>, _>>();
+                let bodies = bodies.map_err(|name| format!("`scatter`: the scene has no body `{name}`"))?;
+                Scatter::new(&context.world, &bodies, &config.places)
+            }
+        };
         let transports = (self.connect)().map_err(|error| error.to_string())?;
         if transports.is_empty() {
             host.say("no middleware is running, so no topics are offered");
         }
-        self.running =
-            Some(Running::start(&configs, prepared, transports, &self.board, host).map_err(|error| error.to_string())?);
+        let seeding = (scatter, self.seed);
+        self.running = Some(Running::start(&configs, prepared, transports, &self.board, (host, seeding))?);
         Ok(())
     }
 
@@ -170,11 +204,14 @@ impl Plugin for Crtk {
             live.binding.release(world);
             live.arm.reset();
         });
+        if let Some(running) = &self.running {
+            running.place(world);
+        }
     }
 
     fn close(&mut self) {
-        if let Some(Running { events, publisher, .. }) = self.running.take() {
-            drop(events);
+        if let Some(Running { events, publisher, _streamers, .. }) = self.running.take() {
+            drop((events, _streamers));
             if let Some(publisher) = publisher {
                 // A thread that panicked has said so.
                 let _ = publisher.join();
@@ -193,13 +230,14 @@ impl Running {
         prepared: Vec<Prepared>,
         mut transports: Vec<Box<dyn Transport>>,
         board: &Board,
-        host: Host,
+        (host, (scatter, seed)): (Host, (Option<Scatter>, Option<u64>)),
     ) -> Result<Self, String> {
         let (events, receiver) = bounded(EVENTS);
         let slot = Arc::new(SnapshotSlot::empty());
         let mut arms = Vec::new();
         let mut offered = Vec::new();
         let mut places = Vec::new();
+        let mut streamers = Vec::new();
         let tools = vec![None; configs.len()];
         for Prepared { place, model, binding } in prepared {
             let config = &configs[place];
@@ -209,7 +247,10 @@ impl Running {
             let texts = Texts { info: binding.notes.clone(), tool_type };
             let extras =
                 Extras { dvrk: config.extras, tool_type: texts.tool_type.is_some(), gripper: config.kind == Kind::Mtm };
-            let topics = fitting(topics(&model, &config.space, extras), config.kind, has_tool);
+            let mut topics = fitting(topics(&model, &config.space, extras), config);
+            if !config.errors.is_empty() {
+                topics.push(input(&binding.errors_topic, MessageType::Channel, Input::JointErrors));
+            }
             let served = (config.rate, config.clock);
             let open = Offered::open((&model, &topics), served, texts, &outbox, &mut transports);
             offered.push(open.map_err(|error| error.to_string())?);
@@ -221,8 +262,30 @@ impl Running {
                     }
                 }
             }
-            arms.push(Live { arm: Arm::new(model), binding, inbox, clock: config.clock, reading: None });
+            if let Some(socket) = &config.socket {
+                let host = host.clone();
+                let say = move |text: &str| host.say(text);
+                let arm = (Arc::clone(&model), arms.len());
+                streamers.push(Streamer::start(socket, arm, Arc::clone(&outbox), Arc::clone(&slot), say)?);
+            }
+            let (clock, error_bounds) = (config.clock, config.errors.clone());
+            arms.push(Live { arm: Arm::new(model), binding, inbox, clock, reading: None, error_bounds });
             places.push(place);
+        }
+        let (seed_sender, seeds) = bounded(SEEDS);
+        // As if a client had given it: the first step draws. There is room.
+        let _ = seed.map(|seed| seed_sender.try_send(seed));
+        if scatter.is_some() || arms.iter().any(|live: &Live| !live.error_bounds.is_empty()) {
+            let topic = input(SEED_TOPIC, MessageType::Count, Input::Seed);
+            let receive: Receive = Arc::new(move |bytes| {
+                if let Some(seed) = messages::read_count(bytes) {
+                    // So many in one step that there is no room: the client sends faster than anybody looks.
+                    let _ = seed_sender.try_send(u64::from(seed));
+                }
+            });
+            for transport in &mut transports {
+                transport.subscribe(&topic, Arc::clone(&receive)).map_err(|error| error.to_string())?;
+            }
         }
         let mut clock = Vec::new();
         if configs.iter().any(|config| config.clock == ClockKind::Sim) {
@@ -256,15 +319,42 @@ impl Running {
             _shown: shown,
             fresh: Vec::with_capacity(64),
             publisher: Some(thread.map_err(|error| format!("no thread can be made: {error}"))?),
+            _streamers: streamers,
+            scatter,
+            seed: None,
+            seeds,
         })
     }
 
+    /// Draws anew what differs from run to run.
+    fn draw(&mut self, world: &mut View<'_>, seed: u64) {
+        let mut random = Random::new(seed);
+        for live in &mut self.arms {
+            let drawn = errors(&mut random, &live.error_bounds);
+            let mut errors = Coordinates::zeros();
+            errors.as_mut_slice()[..drawn.len()].copy_from_slice(&drawn);
+            live.arm.set_errors(errors);
+        }
+        self.seed = Some(seed);
+        self.place(world);
+    }
+
+    /// Puts bodies where they stand in this run.
+    fn place(&self, world: &mut View<'_>) {
+        if let (Some(scatter), Some(seed)) = (&self.scatter, self.seed) {
+            scatter.apply(world, seed);
+        }
+    }
+
     fn update(&mut self, world: &mut View<'_>, dt: f64) {
+        if let Some(seed) = self.seeds.try_iter().last() {
+            self.draw(world, seed);
+        }
         let clock = world.clock();
         let sim_time = (clock.sim_time * 1e9) as u64;
         let wall_time = wall_time();
         for (live, &place) in self.arms.iter_mut().zip(&self.places) {
-            live.reading = live.binding.read(world, live.arm.model());
+            live.reading = live.binding.read(world, &live.arm);
             self.tools[place] = live.reading.map(|reading| reading.tool);
         }
         for (index, live) in self.arms.iter_mut().enumerate() {
@@ -277,7 +367,7 @@ impl Running {
             let stamp = if live.clock == ClockKind::Wall { wall_time } else { sim_time };
             live.arm.update(stamp, dt, &reading.measured, live.inbox.take(), &mut self.fresh);
             if live.binding.has_joints() {
-                live.binding.command(world, live.arm.set_point());
+                live.binding.command(world, &live.arm);
                 live.binding.hold(world, live.arm.set_point(), &reading.tool.pose);
             }
             for event in self.fresh.drain(..) {
@@ -309,16 +399,29 @@ impl Live {
 }
 
 /// Leaves out what an entry cannot have: poses without a tool, joints of an object.
-fn fitting(topics: Vec<Topic>, kind: Kind, has_tool: bool) -> Vec<Topic> {
+fn fitting(topics: Vec<Topic>, config: &ArmConfig) -> Vec<Topic> {
+    let has_tool = config.tool.is_some() || config.body.is_some();
     let fits = |topic: &Topic| {
         let is_pose =
             matches!(topic.message, MessageType::Pose | MessageType::Twist | MessageType::Wrench | MessageType::Matrix);
-        match kind {
+        match config.kind {
             Kind::Object => matches!(topic.carries, Carries::Out(Output::MeasuredPose { .. } | Output::MeasuredTwist)),
             _ => has_tool || !is_pose,
         }
     };
-    topics.into_iter().filter(fits).collect()
+    let placed = |mut topic: Topic| {
+        if config.body.is_some() && topic.carries == Carries::Out(Output::MeasuredPose { is_local: true }) {
+            // The challenge tells where the camera is in the world.
+            topic.carries = Carries::Out(Output::MeasuredPose { is_local: false });
+        }
+        topic
+    };
+    topics.into_iter().filter(fits).map(placed).collect()
+}
+
+/// A topic that clients publish, of which the last message counts.
+fn input(name: &str, message: MessageType, input: Input) -> Topic {
+    Topic { name: name.to_owned(), message, carries: Carries::In(input), is_latched: false, depth: 1 }
 }
 
 #[cfg(test)]
@@ -338,7 +441,7 @@ mod tests {
     fn each_file_of_the_command_line_is_a_plugin() {
         let mut registry = Registry::default();
         let connect: Connect = Arc::new(|| Ok(Vec::new()));
-        let paths = register(&mut registry, &["a.yaml".into(), "b.yaml".into()], &connect, &Board::default());
+        let paths = register(&mut registry, &["a.yaml".into(), "b.yaml".into()], &connect, &Board::default(), None);
         assert_eq!(paths, ["builtin:crtk:a.yaml", "builtin:crtk:b.yaml"].map(PathBuf::from));
         assert_eq!(registry.names().collect::<Vec<_>>(), ["crtk", "crtk:a.yaml", "crtk:b.yaml"]);
         assert!(registry.make("crtk", PluginKind::Model).is_ok());

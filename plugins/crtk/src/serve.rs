@@ -293,7 +293,13 @@ impl Offered {
     }
 
     fn joints(&self, stamp: u64, position: Vec<f64>, velocity: Vec<f64>, effort: Vec<f64>) -> Message {
-        let names = self.model.joints.clone();
+        let mut names = self.model.joints.clone();
+        if self.model.dialect == Dialect::Src {
+            // As its interface has them: the names of the fingers too, no efforts, no frame.
+            names.extend(self.model.fingers.iter().cloned());
+            let joints = JointMessage { names, position, velocity, effort: Vec::new() };
+            return Message::Joints(Header { stamp, frame: String::new() }, joints);
+        }
         Message::Joints(self.header(stamp, false), JointMessage { names, position, velocity, effort })
     }
 
@@ -349,6 +355,8 @@ pub fn command(model: &ArmModel, input: Input, bytes: &[u8]) -> Command {
         Input::ToolPresent => messages::read_bool(bytes).map(Command::ToolPresent),
         Input::LockOrientation => messages::read_quaternion(bytes).map(ArmModel::orientation_command),
         Input::UnlockOrientation => bytes.is_empty().then_some(Command::UnlockOrientation),
+        Input::JointErrors => messages::read_channel(bytes).map(|values| model.errors_command(&values)),
+        Input::Seed => None,
     };
     read.unwrap_or_else(|| refused(level, Refusal::Unreadable))
 }

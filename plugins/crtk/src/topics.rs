@@ -113,6 +113,10 @@ pub enum Input {
     LockOrientation,
     /// Nothing is kept.
     UnlockOrientation,
+    /// Errors of the joints.
+    JointErrors,
+    /// The seed of a run. It is no arm's.
+    Seed,
 }
 
 /// Direction of a topic and what it carries.
@@ -254,6 +258,9 @@ impl List {
         self.input("servo_cp", MessageType::Pose, Input::Pose { level: Level::Servo, is_local: true });
         self.input("move_cp", MessageType::Pose, Input::Pose { level: Level::Move, is_local: true });
         if has_jaw {
+            // The interface of 2026 has the first spelling, others the second.
+            self.out("jaw/measure_js", MessageType::Joints, Output::MeasuredJaw);
+            self.out("jaw/measured_js", MessageType::Joints, Output::MeasuredJaw);
             self.input("jaw/servo_jp", MessageType::Joints, Input::Jaw(Level::Servo, Quantity::Position));
         }
     }

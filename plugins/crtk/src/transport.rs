@@ -175,6 +175,8 @@ impl Transport for Ros1 {
             MessageType::Statistics => self.publication::<cisst_msgs::IntervalStatistics>(topic),
             MessageType::Number => self.publication::<std_msgs::Float64>(topic),
             MessageType::Quaternion => self.publication::<geometry_msgs::Quaternion>(topic),
+            MessageType::Channel => self.publication::<sensor_msgs::ChannelFloat32>(topic),
+            MessageType::Count => self.publication::<std_msgs::UInt32>(topic),
         })
     }
 
@@ -194,6 +196,8 @@ impl Transport for Ros1 {
             MessageType::Statistics => self.subscription::<cisst_msgs::IntervalStatistics>(topic, receive),
             MessageType::Number => self.subscription::<std_msgs::Float64>(topic, receive),
             MessageType::Quaternion => self.subscription::<geometry_msgs::Quaternion>(topic, receive),
+            MessageType::Channel => self.subscription::<sensor_msgs::ChannelFloat32>(topic, receive),
+            MessageType::Count => self.subscription::<std_msgs::UInt32>(topic, receive),
         }
         Ok(())
     }

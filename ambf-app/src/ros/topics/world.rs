@@ -95,7 +95,10 @@ impl Builder<'_> {
             });
         });
         self.subscribe(format!("{name}/Command/Reset"), on_reset(Arc::clone(&self.around.hub)));
-        self.subscribe(format!("{name}/Command/Reset/Bodies"), on_body_reset(Arc::clone(&self.around.hub)));
+        // The second name never was one, but texts about the competition's scene have it.
+        for end in ["Reset/Bodies", "ResetBodies"] {
+            self.subscribe(format!("{name}/Command/{end}"), on_body_reset(Arc::clone(&self.around.hub)));
+        }
         #[cfg(feature = "ros2")]
         if let Some(ros2) = &self.around.ros2 {
             self.served.parameters.worlds.push(name.clone());

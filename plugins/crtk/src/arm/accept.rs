@@ -63,6 +63,7 @@ impl Arm {
                 now.events.push(Event::Tool(self.tool));
             }
             Command::ToolPresent(present) => self.has_tool = present,
+            Command::JointErrors(errors) => self.errors = errors,
             Command::LockOrientation(rotation) => {
                 self.locked = Some(rotation);
                 now.events.push(Event::OrientationLocked(true));
@@ -195,6 +196,7 @@ impl Command {
                 | Self::ToolPresent(_)
                 | Self::LockOrientation(_)
                 | Self::UnlockOrientation
+                | Self::JointErrors(_)
         )
     }
 

@@ -166,6 +166,8 @@ pub struct Arm {
     /// Which instrument it has.
     tool: Option<InstrumentNumber>,
     has_tool: bool,
+    /// By how much the joints of the scene are beyond what clients see.
+    errors: Coordinates,
     /// Orientation to be kept, reference frame.
     locked: Option<UnitQuaternion<f64>>,
     /// What the last event of the state said.
@@ -192,6 +194,7 @@ impl Arm {
             base_frame: None,
             tool: model.instrument,
             has_tool: true,
+            errors: zero,
             locked: None,
             model,
             state: State::Enabled,
@@ -224,9 +227,20 @@ impl Arm {
         &self.model
     }
 
-    /// As at the start, after the scene was reset, with the instrument that it has. Events go on.
+    /// As at the start, after the scene was reset, with the instrument and the errors that it has. Events go on.
     pub fn reset(&mut self) {
-        *self = Self { last_stamp: self.last_stamp, tool: self.tool, ..Self::new(Arc::clone(&self.model)) };
+        let Self { last_stamp, tool, errors, .. } = *self;
+        *self = Self { last_stamp, tool, errors, ..Self::new(Arc::clone(&self.model)) };
+    }
+
+    /// By how much the joints of the scene are beyond what clients see and command, rad or m. Default: 0.
+    pub fn errors(&self) -> &Coordinates {
+        &self.errors
+    }
+
+    /// Sets the errors of the joints, rad or m.
+    pub fn set_errors(&mut self, errors: Coordinates) {
+        self.errors = errors;
     }
 
     /// What the joints are to do.

@@ -45,6 +45,8 @@ pub struct ArmModel {
     pub name: String,
     /// Names of the joints on the wire.
     pub joints: Vec<String>,
+    /// Names of the joints of its fingers.
+    pub fingers: Vec<String>,
     /// Forward and inverse kinematics.
     pub kinematics: Kinematics,
     /// A range a joint.

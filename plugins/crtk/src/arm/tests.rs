@@ -26,6 +26,7 @@ pub(crate) fn psm(dialect: Dialect) -> ArmModel {
     ArmModel {
         name: "PSM1".into(),
         joints: names.map(String::from).into(),
+        fingers: vec!["left".into(), "right".into()],
         kinematics: Kinematics {
             chain: DhTable::psm(&Instrument::LARGE_NEEDLE_DRIVER).chain(),
             inverse: Inverse::Psm(PsmInverse::from(&Instrument::LARGE_NEEDLE_DRIVER)),

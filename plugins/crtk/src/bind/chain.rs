@@ -1,7 +1,7 @@
 //! The chain from the base of an arm to its tool: which joints it has, what it carries, how it is inverted.
 
 use ambf_plugin::{ObjectId, ObjectType, View};
-use nalgebra::{Isometry3, Point3, Translation3, Unit};
+use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 
 use super::find::Finder;
 use super::{BindError, Binding, Driven, Mount, Weight};
@@ -23,6 +23,9 @@ impl Binding {
         let identity = Isometry3::identity();
         let nothing = |error| BindError::Chain { place: config.source.clone(), arm: config.name.clone(), error };
         let count = self.joints.len().max(1);
+        if let Some(name) = &config.body {
+            return self.carry(finder, name);
+        }
         let Some(tool) = &config.tool else {
             self.base = base.and_then(|base| Mount::new(world, base, &identity));
             let chain = Chain::new(count, Vec::new(), identity).map_err(nothing)?;
@@ -59,6 +62,19 @@ impl Binding {
             self.compare(&chain, &table.chain().with_tip(&beyond_table(config)), config);
         }
         Ok(Kinematics { chain, inverse: inverse(config) })
+    }
+
+    /// A body that an endoscope arm carries which is not in the scene: with all joints at 0 it is where the scene has it.
+    fn carry(&mut self, finder: &Finder<'_, '_>, name: &str) -> Result<Kinematics, BindError> {
+        let body = finder.find(ObjectType::Body, name)?;
+        let table = DhTable::ecm(0.0).chain();
+        self.tool = Mount::new(finder.world, body, &Isometry3::identity());
+        // The frame of the body looks along -z, that of the table along z, with x to the other side.
+        let view = Isometry3::rotation(std::f64::consts::PI * Vector3::y());
+        let chain = table.with_tip(&view);
+        let start = finder.world.body(body).map_or_else(Isometry3::identity, |state| state.pose);
+        self.carried = Some((body, start * chain.forward(&Coordinates::zeros()).inverse()));
+        Ok(Kinematics { chain, inverse: inverse(finder.config) })
     }
 
     fn table(&self, config: &ArmConfig) -> Option<DhTable> {

@@ -4,11 +4,11 @@
 mod chain;
 mod find;
 
-use ambf_plugin::{JointCommandType, ObjectType, View};
+use ambf_plugin::{JointCommandType, ObjectId, ObjectType, View};
 use nalgebra::{Isometry3, Point3, Unit, Vector3, Vector6};
 
-use crate::arm::{ArmModel, Drive, FrameNames, InstrumentNumber, JawModel, Measured, SetPoint};
-use crate::config::ArmConfig;
+use crate::arm::{Arm, ArmModel, Drive, FrameNames, InstrumentNumber, JawModel, Measured, SetPoint};
+use crate::config::{wire_name, ArmConfig};
 use crate::grasp::Grasp;
 use crate::kinematics::{holding_efforts, Coordinates, Kinematics, Limits, Load};
 use crate::trajectory::Bounds;
@@ -127,6 +127,10 @@ pub struct Binding {
     weights: Vec<Weight>,
     /// What its jaw holds by rules.
     grasp: Option<Grasp>,
+    /// Without joints: the body that follows the set points, and the base.
+    carried: Option<(usize, Isometry3<f64>)>,
+    /// How the errors of its joints are called.
+    pub errors_topic: String,
     /// Sentences for the user.
     pub notes: Vec<String>,
 }
@@ -169,6 +173,8 @@ pub fn bind(all: &[ArmConfig], own: usize, world: &View<'_>) -> Result<(ArmModel
         slides: joints.iter().map(|&joint| slide(world, joint)).collect(),
         lifted: Vec::new(),
         grasp: None,
+        carried: None,
+        errors_topic: format!("{}/errors_model/set_errors", space(config, world, &finder)),
         joints,
         followers,
         jaw,
@@ -188,6 +194,14 @@ pub fn bind(all: &[ArmConfig], own: usize, world: &View<'_>) -> Result<(ArmModel
     binding.grasp = binding.grasp(config, world);
     let model = model(config, &binding, kinematics, world);
     Ok((model, binding))
+}
+
+/// The namespace of the arm's base, else the beginning of its topics.
+fn space(config: &ArmConfig, world: &View<'_>, finder: &Finder<'_, '_>) -> String {
+    let base = config.base.as_ref().and_then(|base| finder.find(ObjectType::Body, base).ok());
+    let name = base.and_then(|body| world.name(ObjectId::new(ObjectType::Body, body)));
+    let parent = name.as_deref().and_then(|name| name.rsplit_once('/')).map(|(parent, _)| parent.to_owned());
+    parent.filter(|parent| !parent.is_empty()).unwrap_or_else(|| config.space.clone())
 }
 
 fn reference(all: &[ArmConfig], own: usize, finder: &Finder<'_, '_>) -> Result<Reference, BindError> {
@@ -238,6 +252,7 @@ fn model(config: &ArmConfig, binding: &Binding, kinematics: Kinematics, world: &
     ArmModel {
         name: config.name.clone(),
         joints: config.names.clone(),
+        fingers: config.jaw.iter().flat_map(|jaw| &jaw.joints).map(|(name, ..)| wire_name(name)).collect(),
         kinematics,
         limits,
         bounds: Bounds { speed: fill(&config.speeds, 1.0), acceleration: fill(&config.accelerations, 1.0) },
@@ -257,21 +272,30 @@ fn model(config: &ArmConfig, binding: &Binding, kinematics: Kinematics, world: &
 impl Binding {
     /// What a step has left; the reference is filled in by [`refer`](Self::refer). `None` when parts of the arm have
     /// left the scene.
-    pub fn read(&self, world: &View<'_>, model: &ArmModel) -> Option<Reading> {
+    pub fn read(&self, world: &View<'_>, arm: &Arm) -> Option<Reading> {
         let mut reading = Reading::default();
         let measured = &mut reading.measured;
+        if self.carried.is_some() {
+            (measured.position, measured.velocity) = (arm.set_point().position, arm.set_point().velocity);
+        }
         for (i, &joint) in self.joints.iter().enumerate() {
             let state = world.joint(joint)?;
             (measured.position[i], measured.velocity[i], measured.effort[i]) =
-                (state.position, state.velocity, state.effort);
+                (state.position - arm.errors()[i], state.velocity, state.effort);
         }
         measured.jaw = self.read_jaw(world)?;
         measured.holding = self.holding(world);
-        reading.base = self.base.map_or(Some(Moving::default()), |base| base.read(world))?;
+        reading.base = match (self.base, self.carried) {
+            (Some(base), _) => base.read(world)?,
+            (None, Some((_, pose))) => Moving { pose, ..Moving::default() },
+            (None, None) => Moving::default(),
+        };
         reading.measured.base = reading.base.pose;
+        // With errors, the control point is known from the joints only, as encoders know it.
+        let is_true = arm.errors().iter().all(|&error| error == 0.0);
         reading.tool = match &self.tool {
-            Some(tool) => tool.read(world)?,
-            None => by_joints(model, &reading),
+            Some(tool) if is_true => tool.read(world)?,
+            _ => by_joints(arm.model(), &reading),
         };
         Some(reading)
     }
@@ -316,18 +340,25 @@ impl Binding {
     }
 
     /// Commands the joints for the next step.
-    pub fn command(&self, world: &mut View<'_>, set_point: &SetPoint) {
+    pub fn command(&self, world: &mut View<'_>, arm: &Arm) {
+        let (set_point, errors) = (arm.set_point(), arm.errors());
+        if let Some((body, base)) = self.carried {
+            // A body that has left the scene needs no command.
+            let _ = world.follow_pose(body, base * arm.model().kinematics.chain.forward(&set_point.position));
+        }
         // A joint that has left the scene needs no command.
         match set_point.drive {
             Drive::Position => {
-                for (&joint, &position) in self.joints.iter().zip(set_point.position.iter()) {
+                for (place, &joint) in self.joints.iter().enumerate() {
+                    let position = set_point.position[place] + errors[place];
                     let _ = world.command_joint(joint, JointCommandType::Position, position);
                 }
             }
-            Drive::Effort => self.push(world, set_point),
+            Drive::Effort => self.push(world, set_point, errors),
         }
         for follower in self.followers.iter().filter(|follower| follower.is_driven) {
-            let value = follower.ratio * set_point.position[follower.coordinate] + follower.offset;
+            let position = set_point.position[follower.coordinate] + errors[follower.coordinate];
+            let value = follower.ratio * position + follower.offset;
             let _ = world.command_joint(follower.joint, JointCommandType::Position, value);
         }
         for finger in &self.jaw {
@@ -342,12 +373,13 @@ impl Binding {
     /// Efforts for the next step. What holds the arm against gravity is taken off each body by itself: at the joints
     /// that is the same by virtual work, but then the joints have nothing to carry, so that it is right where they
     /// close loops, and independent of how far an iterative solver gets.
-    fn push(&self, world: &mut View<'_>, set_point: &SetPoint) {
+    fn push(&self, world: &mut View<'_>, set_point: &SetPoint, errors: &Coordinates) {
         let efforts = set_point.effort - set_point.holding;
         for (place, ((&joint, slide), &effort)) in self.joints.iter().zip(&self.slides).zip(efforts.iter()).enumerate()
         {
             if place >= set_point.positioned_from {
-                let _ = world.command_joint(joint, JointCommandType::Position, set_point.position[place]);
+                let position = set_point.position[place] + errors[place];
+                let _ = world.command_joint(joint, JointCommandType::Position, position);
                 continue;
             }
             let turning = if slide.is_some() { 0.0 } else { effort };
@@ -386,7 +418,7 @@ impl Binding {
 
     /// Whether there is anything to command.
     pub fn has_joints(&self) -> bool {
-        !self.joints.is_empty()
+        !self.joints.is_empty() || self.carried.is_some()
     }
 }
 

@@ -86,6 +86,11 @@ impl<'o> Map<'o> {
         numbers.map(Some).ok_or_else(|| self.wrong(key, &format!("a list of {count} finite numbers")))
     }
 
+    pub fn list(&self, key: &str) -> Result<Option<Vec<f64>>, ConfigError> {
+        let Some(entry) = self.get(key) else { return Ok(None) };
+        self.numbers(key, entry.items().count())
+    }
+
     pub fn boolean(&self, key: &str) -> Result<Option<bool>, ConfigError> {
         match self.text(key) {
             None if self.get(key).is_none() => Ok(None),

@@ -6,7 +6,7 @@ use super::*;
 
 fn read(text: &str) -> Result<Vec<ArmConfig>, ConfigError> {
     let outline = Outline::parse(text, Path::new("arms.yaml")).unwrap();
-    from_outline(&outline, Path::new("."))
+    from_outline(&outline, Path::new(".")).map(|read| read.arms)
 }
 
 const PSM: &str = "crtk:\n  - name: PSM1\n    kind: psm\n    base: psm1/base\n    joints: [a, b, c, d, e, f]\n    \
@@ -89,7 +89,7 @@ fn arm_files_of_the_simulators_give_limits_speeds_and_home() {
     assert_eq!((arms[0].reference.as_str(), arms[0].jaw.as_ref().unwrap().speed), ("ECM_view", 0.3));
     // A launch or model file may name the file.
     let outline = Outline::parse("crtk: arms.yaml\n", &folder.path().join("launch.yaml")).unwrap();
-    assert_eq!(from_outline(&outline, folder.path()).unwrap(), arms);
+    assert_eq!(from_outline(&outline, folder.path()).unwrap().arms, arms);
 }
 
 #[test]
@@ -118,6 +118,6 @@ fn model_files_name_their_configuration_in_both_forms() {
         "plugins: [{name: p, filename: libambf_crtk_model_plugin.so}]\ncrtk_config: c.yaml\n",
     ] {
         let outline = Outline::parse(text, &folder.path().join("m.yaml")).unwrap();
-        assert_eq!(from_outline(&outline, folder.path()).unwrap()[0].space, "/A");
+        assert_eq!(from_outline(&outline, folder.path()).unwrap().arms[0].space, "/A");
     }
 }

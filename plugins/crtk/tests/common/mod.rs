@@ -105,7 +105,7 @@ impl Bench {
         let own = topics.clone();
         let connect: Connect = Arc::new(move || Ok(vec![Box::new(own.clone()) as Box<dyn Transport>]));
         let mut registry = Registry::default();
-        let command_line = crtk::plugin::register(&mut registry, &[arms.to_owned()], &connect, &Board::default());
+        let command_line = crtk::plugin::register(&mut registry, &[arms.to_owned()], &connect, &Board::default(), None);
         let report = simulation.load_plugins(PluginSetup { registry, command_line, ..PluginSetup::default() });
         assert_eq!(report.problems, Vec::<String>::new());
         let notices = simulation.take_notices();

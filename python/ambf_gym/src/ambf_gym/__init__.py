@@ -2,7 +2,7 @@
 
 `SimulatorEnv` steps a `Task`, which is put together from parts of observations and actions and a few functions, in a `Backend`:
 `RosBackend`, or `InProcessBackend` with the package `ambf`. `InProcessVectorEnv` steps many at once.
-The worked tasks are registered as `ambf/Reach-v0` and `ambf/Lift-v0`.
+The worked tasks are registered as `ambf/Reach-v0`, `ambf/Lift-v0` and `ambf/PegTransfer-v0`.
 """
 
 from __future__ import annotations
@@ -64,11 +64,11 @@ __all__ = [
     "Twist",
 ]
 
-for _name in ("Reach", "Lift"):
+for _name, _function in (("Reach", "reach"), ("Lift", "lift"), ("PegTransfer", "peg_transfer")):
     gymnasium.register(
         f"ambf/{_name}-v0",
-        entry_point=f"ambf_gym.tasks:make_{_name.lower()}",
-        vector_entry_point=f"ambf_gym.tasks:make_{_name.lower()}_vec",
+        entry_point=f"ambf_gym.tasks:make_{_function}",
+        vector_entry_point=f"ambf_gym.tasks:make_{_function}_vec",
     )
 
 

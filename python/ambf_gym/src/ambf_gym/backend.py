@@ -165,6 +165,11 @@ class Backend(Protocol):
         Raises StepMismatch if another number of iterations was made.
         """
 
+    def place(self, poses: Mapping[str, Sequence[float]]) -> None:
+        """Puts observed bodies, which hang on no joint, at poses (position, m, and quaternion x, y, z, w) in the next `step`, after its
+        reset. Raises InvalidDescription if the backend can't.
+        """
+
     def close(self) -> None:
         """Lets go of the simulator; ends it if the backend has started it. May be called more than once."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import time
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, Generator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union
+from typing import Any, Callable, Dict, Generator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union
 
 import gymnasium
 import numpy as np
@@ -68,6 +68,8 @@ class Task:
     """Whether the episode has come to an end of its own: success or failure."""
     goal: Callable[[np.random.Generator], Array] = _no_goal
     """Draws a goal at the start of an episode; it is the last part of the observation."""
+    start: Optional[Callable[[np.random.Generator], Mapping[str, Sequence[float]]]] = None
+    """Draws where bodies are at the start of an episode: position, m, and quaternion x, y, z, w. Only in this process."""
     goal_size: int = 0
     """How many numbers `goal` returns."""
     also: Callable[[Commands], None] = field(default=lambda commands: None)
@@ -180,6 +182,8 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
             self._open()
             # How things are at the start: what a reset returns to.
             self._start = yield Order(Commands(), 1, True)
+        if self._task.start is not None:
+            self._backend.place(self._task.start(self.np_random))
         states = yield Order(self._rest(self._start), 1, True)
         for part in self._task.act:
             part.start(states)

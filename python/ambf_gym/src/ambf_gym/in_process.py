@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any, Dict, List, NoReturn, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, NoReturn, Optional, Sequence, Tuple
 
 import ambf
 import numpy as np
@@ -43,6 +43,7 @@ class InProcessBackend:
         self._actuators: Dict[str, ambf.Actuator] = {}
         self._sim_step = -1
         self._is_shown = False
+        self._poses: Dict[str, Sequence[float]] = {}
 
     @property
     def interval(self) -> float:
@@ -63,7 +64,7 @@ class InProcessBackend:
     def open(self, bodies: Sequence[str], sensors: Sequence[str], actuators: Sequence[str]) -> Dict[str, Sequence[str]]:
         """Loads the scene. Raises ambf.LoadError or InvalidDescription."""
         self.close()
-        launch = self._scene.launch_file or str(resources() / "launch.yaml")
+        launch = self._scene.launch() or str(resources() / "launch.yaml")
         simulation = ambf.Simulation(self._scene.model_files(), launch_file=launch, **self._options)
         self._simulation = simulation
         try:
@@ -97,6 +98,9 @@ class InProcessBackend:
         simulation = self.simulation
         if reset:
             simulation.reset()
+        if self._poses:
+            simulation.set_state(poses={self._bodies[name].handle.name: pose for name, pose in self._poses.items()})
+            self._poses = {}
         for name, command in commands.bodies.items():
             self._bodies[name].command(command)
         for name, hold in commands.actuators.items():
@@ -123,6 +127,10 @@ class InProcessBackend:
             sensors={name: _sensor_state(sensor) for name, sensor in self._sensors.items()},
             actuators={name: actuator.holding for name, actuator in self._actuators.items()},
         )
+
+    def place(self, poses: Mapping[str, Sequence[float]]) -> None:
+        """See `Backend.place`."""
+        self._poses = dict(poses)
 
     def render(
         self, camera: Optional[str], width: Optional[int], height: Optional[int], rgb: bool, depth: bool

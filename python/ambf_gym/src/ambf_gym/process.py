@@ -62,7 +62,7 @@ class SimulatorProcess:
         """`shown`: with windows."""
         self.namespace = f"/gym{os.getpid()}_{next(_NUMBERS)}"
         self.master = own_master()
-        launch = scene.launch_file or str(resources() / "launch.yaml")
+        launch = scene.launch() or str(resources() / "launch.yaml")
         handle, log = tempfile.mkstemp(prefix="ambf_gym_", suffix=".log")
         self._log = Path(log)
         command = [

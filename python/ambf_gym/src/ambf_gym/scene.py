@@ -26,13 +26,17 @@ class Scene:
     models: Sequence[str]
     """Model files (ADF or URDF), absolute or below the simulator's `resources`."""
     launch_file: Optional[str] = None
-    """Launch file with the world; the simulator's own if none."""
+    """Launch file with the world, absolute or below the simulator's `resources`; the simulator's own if none."""
     options: Sequence[str] = ()
     """Further options of `ambf_simulator`, such as `('--profile', 'accurate')`."""
 
     def model_files(self) -> Tuple[str, ...]:
         """The model files, found; raises InvalidDescription if one is missing."""
         return tuple(str(_find(model)) for model in self.models)
+
+    def launch(self) -> Optional[str]:
+        """The launch file, found; None if none is named. Raises InvalidDescription if it is missing."""
+        return None if self.launch_file is None else str(_find(self.launch_file))
 
     def interval(self) -> float:
         """Simulated time of an iteration, s, as the options say."""
@@ -87,7 +91,7 @@ def _find(model: str) -> Path:
     if not path.is_absolute() and not path.is_file():
         path = resources() / model
     if not path.is_file():
-        raise InvalidDescription(f"there is no model file {path}")
+        raise InvalidDescription(f"there is no file {path}")
     return path.resolve()
 
 

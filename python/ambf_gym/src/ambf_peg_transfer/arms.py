@@ -1,0 +1,84 @@
+"""Kinematics of the arms of resources/peg_transfer, in their bases: a da Vinci PSM with the instrument 420006 of the challenge."""
+
+from __future__ import annotations
+
+import math
+from typing import Optional
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+WRIST = 0.0508
+"""From the remote centre to the wrist's pitch axis while the insertion is 0, m."""
+GAP = 0.009
+"""From the pitch axis to the yaw axis, m."""
+TOOL = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+"""Axes of the tool's yaw link in the base while all joints are at 0. Its fingers point along -y and turn about z."""
+LOWER = np.array([-1.605, -1.0472, 0.0, -3.054, -1.5708, -1.48353])
+UPPER = np.array([1.599, 1.0472, 0.24, 3.054, 1.5708, 1.48353])
+"""Limits of yaw, pitch, insertion, roll, wrist pitch, wrist yaw; rad, m."""
+
+JOINTS = (
+    "baselink-yawlink",
+    "yawlink-pitchendlink",
+    "pitchendlink-maininsertionlink",
+    "maininsertionlink-toolrolllink",
+    "toolrolllink-toolpitchlink",
+    "toolpitchlink-toolyawlink",
+)
+FINGERS = ("toolyawlink-toolgripperleftlink", "toolyawlink-toolgripperrightlink")
+
+
+def about(axis: int, angle: float) -> Array:
+    """Rotation matrix about x (0), y (1) or z (2)."""
+    c, s = math.cos(angle), math.sin(angle)
+    matrix = np.eye(3)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    matrix[i, i] = matrix[j, j] = c
+    matrix[i, j], matrix[j, i] = -s, s
+    return matrix
+
+
+def matrix_of(quaternion: ArrayLike) -> Array:
+    """Rotation matrix of a quaternion x, y, z, w."""
+    x, y, z, w = np.asarray(quaternion, np.float64) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def forward(q: ArrayLike) -> tuple[Array, Array]:
+    """Origin, m, and axes of the tool's yaw link in the base."""
+    q1, q2, q3, q4, q5, q6 = np.asarray(q, np.float64)
+    arm = about(1, -q1) @ about(0, -q2)
+    wrist = arm @ np.array([0.0, 0.0, -WRIST - q3])
+    bent = arm @ about(2, -q4) @ about(0, -q5)
+    turned = bent @ about(1, -q6)
+    return wrist + bent @ np.array([0.0, 0.0, -GAP]), turned @ TOOL
+
+
+def inverse(position: ArrayLike, axes: Array) -> Optional[Array]:
+    """Joints for an origin, m, and axes of the tool's yaw link in the base; None: out of reach, or beyond limits."""
+    p = np.asarray(position, np.float64)
+    hinge = axes[:, 2]
+    # The yaw axis, the wrist and the remote centre are in one plane.
+    level = p - (p @ hinge) * hinge
+    length = float(np.linalg.norm(level))
+    if length < 1e-6:
+        return None
+    wrist = p - GAP * level / length
+    depth = float(np.linalg.norm(wrist))
+    x, y, z = wrist / depth
+    q1, q2 = math.atan2(x, -z), -math.asin(max(-1.0, min(1.0, y)))
+    rest = (about(1, -q1) @ about(0, -q2)).T @ axes @ TOOL.T
+    q5 = -math.asin(max(-1.0, min(1.0, rest[2, 1])))
+    q4 = -math.atan2(-rest[0, 1], rest[1, 1])
+    q6 = -math.atan2(-rest[2, 0], rest[2, 2])
+    q = np.array([q1, q2, depth - WRIST, q4, q5, q6])
+    return q if (q >= LOWER - 1e-9).all() and (q <= UPPER + 1e-9).all() else None

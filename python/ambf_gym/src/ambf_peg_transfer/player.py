@@ -1,0 +1,478 @@
+"""A player that brings the blocks over and back by a script, in this process: no ROS, no pictures.
+
+It is told where blocks and tools are, exactly, as a program is that subscribes to their States; joints have no errors. So its points say
+what the scene, the grips and the time allow, not what a program can do that sees the board through the cameras.
+
+It needs NumPy and the package `ambf`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import itertools
+import json
+import math
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+
+import ambf
+import numpy as np
+
+from .arms import FINGERS, LOWER, UPPER, Array, about, forward, inverse, matrix_of
+from .board import SYMMETRIC, Board
+from .referee import Pose, Referee, Score
+from .seeds import draw
+
+WALL = 0.004675
+"""From the axis of a block to the middle of a wall, m."""
+WALLS = (-math.pi / 2, math.pi / 6, 5 * math.pi / 6)
+"""Directions of the walls in the frame of a block, rad."""
+TOP = 0.01485
+"""Of a block, above the origin of its frame, m."""
+ABOVE = 0.0045
+"""The fingers' hinge is so far above the top of the block that they hold, m."""
+OPEN, CLOSED = 0.14, 0.0
+"""Angles of a finger, rad: inside the block there is room for 0.15 beside a peg."""
+LIFT = 0.035
+"""A block is carried so far above the board, m: pegs are 20 mm high."""
+MEETING = np.array([0.0194, 0.306, 0.775])
+"""Where blocks change hands: in front of the wall."""
+ASIDE = 0.045
+"""Tools and blocks go round the near end of the wall, so far from its plane, m."""
+TURNS = (0.0, 0.2, -0.2, 0.4, -0.4)
+"""By how much a block may be turned on a way, rad."""
+SPEED, TURN = 0.05, 1.2
+"""m/s, rad/s."""
+TICK = 0.01
+"""Set points follow each other in such intervals, s."""
+
+
+class Failed(Exception):
+    """Error when there is no way to do what is wanted."""
+
+
+class Place(NamedTuple):
+    """A frame in the world."""
+
+    position: Array
+    axes: Array
+
+    def times(self, other: Place) -> Place:
+        """`other`, seen from this one, in the world."""
+        return Place(self.position + self.axes @ other.position, self.axes @ other.axes)
+
+    def inverse(self) -> Place:
+        """The world, seen from it."""
+        return Place(-self.axes.T @ self.position, self.axes.T)
+
+
+def place_of(pose: Array) -> Place:
+    """Of an array of positions and a quaternion."""
+    return Place(np.array(pose[:3]), matrix_of(pose[3:]))
+
+
+def upright(position: Array, turn: float) -> Place:
+    """A block that stands."""
+    return Place(np.array(position, np.float64), about(2, turn))
+
+
+class Grip(NamedTuple):
+    """How jaws hold a block: which wall, and which of both ways round."""
+
+    wall: int
+    turned: bool
+
+    def tool(self, block: Place) -> Place:
+        """The tool's yaw link, for a block at `block`: fingers down, on both sides of the wall."""
+        angle = WALLS[self.wall]
+        out = np.array([math.cos(angle), math.sin(angle), 0.0])
+        x = -out if self.turned else out
+        up = np.array([0.0, 0.0, 1.0])
+        axes = np.column_stack((x, up, np.cross(x, up)))
+        return block.times(Place(WALL * out + (TOP + ABOVE) * up, axes))
+
+
+GRIPS = [Grip(wall, turned) for wall in range(3) for turned in (False, True)]
+
+
+class Arm:
+    """One arm: what it is told, and where it is."""
+
+    def __init__(self, simulation: ambf.Simulation, name: str) -> None:
+        self.name = name
+        self._base = simulation.body(f"{name}/baselink")
+        self._tool = simulation.body(f"{name}/toolyawlink")
+        base = place_of(self._base.pose)
+        self._world = base.inverse()
+        self.base = base
+        self._base.joint_kinds[:] = ambf.POSITION
+        self.goal = np.array([0.0, 0.0, 0.03, 0.0, 0.0, 0.0])
+        self.jaw = OPEN
+        self.send()
+
+    def send(self) -> None:
+        """Puts the set points in force."""
+        self._base.joint_commands[:] = [*self.goal, *([self.jaw] * len(FINGERS))]
+
+    def solve(self, tool: Place) -> Optional[Array]:
+        """Joints for a place of the tool; None: out of reach, or beyond limits."""
+        seen = self._world.times(tool)
+        return inverse(seen.position, seen.axes)
+
+    def margin(self, tool: Place) -> float:
+        """How far the joints are from their limits there, as a share of their ranges; negative: it can't go there."""
+        q = self.solve(tool)
+        return -1.0 if q is None else float(np.min(np.minimum(UPPER - q, q - LOWER) / (UPPER - LOWER)))
+
+    @property
+    def commanded(self) -> Place:
+        """Where the tool is to be."""
+        return self.base.times(Place(*forward(self.goal)))
+
+    @property
+    def tool(self) -> Place:
+        """Where it is."""
+        return place_of(self._tool.pose)
+
+    @property
+    def lag(self) -> float:
+        """How far the worst of the joints is from its set point, rad or m."""
+        return float(np.abs(self._base.joint_positions[:6] - self.goal).max())
+
+
+class Player:
+    """Plays in a simulation of the peg-transfer scene, and lets a referee watch."""
+
+    def __init__(self, simulation: ambf.Simulation, step: float, board: Board = SYMMETRIC) -> None:
+        """`step`: interval of an iteration of the simulation, s."""
+        self.simulation = simulation
+        self.board = board
+        self.referee = Referee(board)
+        self._steps = max(1, round(TICK / step))
+        self.arms = {1: Arm(simulation, "psm1"), -1: Arm(simulation, "psm2")}
+        """By the side on which each works: 1 left, -1 right."""
+        self._blocks = {name: simulation.body(name) for name in board.blocks}
+
+    # --- time ---------------------------------------------------------------------------------------------------------------------
+
+    def tick(self) -> Score:
+        """Lets a tick pass."""
+        for arm in self.arms.values():
+            arm.send()
+        self.simulation.step(self._steps)
+
+        def pose(array: Array) -> Pose:
+            values = array.tolist()
+            return Pose(tuple(values[:3]), tuple(values[3:]))
+
+        blocks = {name: pose(body.pose) for name, body in self._blocks.items()}
+        tools = {arm.name: pose(arm._tool.pose) for arm in self.arms.values()}
+        bases = {arm.name: pose(arm._base.pose) for arm in self.arms.values()}
+        return self.referee.update(self.simulation.sim_time, blocks, tools, bases)
+
+    def wait(self, seconds: float) -> None:
+        """Lets time pass."""
+        for _ in range(round(seconds / TICK)):
+            self.tick()
+
+    def settle(self, arm: Arm, within: float = 5e-4, most: float = 1.5) -> None:
+        """Waits until an arm is where it is to be, `most` s at most."""
+        for _ in range(round(most / TICK)):
+            if arm.lag < within:
+                return
+            self.tick()
+
+    # --- motion -------------------------------------------------------------------------------------------------------------------
+
+    def line(self, arm: Arm, goal: Place) -> None:
+        """Moves a tool on a straight line, smoothly. Raises Failed."""
+        begin = arm.commanded
+        turn = _rotation_vector(goal.axes @ begin.axes.T)
+        way = goal.position - begin.position
+        seconds = 1.5 * max(float(np.linalg.norm(way)) / SPEED, float(np.linalg.norm(turn)) / TURN, TICK)
+        count = math.ceil(seconds / TICK)
+        for i in range(1, count + 1):
+            share = i / count
+            share = share * share * (3.0 - 2.0 * share)
+            q = arm.solve(Place(begin.position + share * way, _rotated(share * turn) @ begin.axes))
+            if q is None:
+                raise Failed(f"{arm.name}: out of reach on the way")
+            arm.goal = q
+            self.tick()
+        self.settle(arm)
+
+    def joints(self, arm: Arm, goal: Array) -> None:
+        """Moves all joints at once, smoothly, roll the shorter way."""
+        begin = arm.goal
+        seconds = 1.5 * max(
+            float(np.abs(goal - begin)[[0, 1, 3, 4, 5]].max()) / TURN, abs(goal[2] - begin[2]) / SPEED, TICK
+        )
+        count = math.ceil(seconds / TICK)
+        for i in range(1, count + 1):
+            share = i / count
+            share = share * share * (3.0 - 2.0 * share)
+            arm.goal = begin + share * (goal - begin)
+            self.tick()
+        self.settle(arm)
+
+    def set_jaw(self, arm: Arm, angle: float) -> None:
+        """Opens or closes at 0.5 rad/s."""
+        begin = arm.jaw
+        count = max(1, math.ceil(abs(angle - begin) / 0.5 / TICK))
+        for i in range(1, count + 1):
+            arm.jaw = begin + (angle - begin) * i / count
+            self.tick()
+        self.wait(0.3)
+
+    # --- a transfer ---------------------------------------------------------------------------------------------------------------
+
+    def block(self, name: str) -> Place:
+        """Where a block is."""
+        return place_of(self._blocks[name].pose)
+
+    def transfer(self, name: str, peg: str) -> None:
+        """Brings a block to a peg of the other side. Raises Failed."""
+        block = self.block(name)
+        side = 1 if block.position[0] > self.board.middle else -1
+        giver, taker = self.arms[side], self.arms[-side]
+        grips = self._plan(block, side, peg)
+        if grips is None:
+            raise Failed(f"no way to bring {name} to {peg}")
+        give, take, turn, target = grips
+        up = np.array([0.0, 0.0, LIFT])
+        # Fetch it.
+        grip = give.tool(block)
+        giver.jaw = OPEN
+        self._approach(giver, Place(grip.position + up, grip.axes))
+        self.line(giver, grip)
+        self.set_jaw(giver, CLOSED)
+        self.line(giver, Place(grip.position + up, grip.axes))
+        held = giver.tool.inverse().times(self.block(name)).inverse()  # the tool, seen from the block
+        # To the meeting, round the near end of the wall.
+        meeting = upright(MEETING, turn)
+        for goal in self._way(block, side, meeting)[2:]:
+            self.line(giver, goal.times(held))
+        # Both hold it, then the other one alone.
+        block = self.block(name)
+        grip = take.tool(block)
+        over = Place(grip.position + 0.8 * up, grip.axes)
+        taker.jaw = OPEN
+        self._approach(taker, over)
+        self.line(taker, grip)
+        self.set_jaw(taker, CLOSED)
+        self.set_jaw(giver, OPEN)
+        away = giver.commanded
+        self.line(giver, Place(away.position + 0.8 * up, away.axes))
+        self.line(giver, Place(away.position + 0.8 * up + np.array([side * ASIDE, 0.0, 0.0]), away.axes))
+        held = taker.tool.inverse().times(self.block(name)).inverse()
+        # To the peg.
+        for goal in self._way(target, -side, meeting)[-2::-1]:
+            self.line(taker, goal.times(held))
+        self.set_jaw(taker, OPEN)
+        away = taker.commanded
+        self.line(taker, Place(away.position + up, away.axes))
+        self.wait(0.3)
+
+    def _way(self, peg: Place, side: int, meeting: Place) -> List[Place]:
+        """Places of a block on its way from where it stands to the meeting: up, aside, turned there, and in front of the wall."""
+        over = peg.position + np.array([0.0, 0.0, LIFT])
+        aside = np.array([self.board.middle + side * ASIDE, meeting.position[1], over[2]])
+        return [peg, Place(over, peg.axes), Place(aside, peg.axes), Place(aside, meeting.axes), meeting]
+
+    def _approach(self, arm: Arm, goal: Place) -> None:
+        """Comes from its own side and from above."""
+        q = arm.solve(goal)
+        if q is None:
+            raise Failed(f"{arm.name}: out of reach")
+        here = arm.commanded
+        side = 1 if arm is self.arms[1] else -1
+        if abs(goal.position[0] - self.board.middle) < ASIDE:
+            # To the meeting: from aside.
+            aside = Place(goal.position + np.array([side * ASIDE, 0.0, 0.0]), goal.axes)
+            begin = arm.solve(aside)
+            if begin is None:
+                raise Failed(f"{arm.name}: out of reach")
+            self.joints(arm, begin)
+            self.line(arm, goal)
+            return
+        high = np.array([0.0, 0.0, max(0.0, goal.position[2] - here.position[2])])
+        raised = arm.solve(Place(here.position + high, here.axes))
+        if raised is not None:
+            self.line(arm, Place(here.position + high, here.axes))
+        self.joints(arm, q)
+
+    def _plan(self, block: Place, side: int, peg: str) -> Optional[Tuple[Grip, Grip, float, Place]]:
+        """How the giver and the taker hold it, how it is turned at the meeting, and where and how it is to stand: those by which the
+        joints stay furthest from their limits, and the block turns little while it is held.
+        """
+        giver, taker = self.arms[side], self.arms[-side]
+        height = self.board.top + 0.001  # 0.8 mm above where it comes to rest
+        stand = np.array([*self.board.pegs[peg], height])
+        best: Tuple[float, Any] = (0.02, None)
+        yaw = math.atan2(block.axes[1, 0], block.axes[0, 0])
+
+        @functools.cache
+        def put(grip: Grip, turn: float) -> float:
+            target = upright(stand, turn)
+            return min(taker.margin(grip.tool(place)) for place in (target, _moved(target, z=LIFT)))
+
+        fetch = {
+            grip: min(giver.margin(grip.tool(place)) for place in (block, _moved(block, z=LIFT))) for grip in GRIPS
+        }
+        for turned, (give, take) in itertools.product(TURNS, itertools.permutations(GRIPS, 2)):
+            meeting = upright(MEETING, yaw + turned)
+            mine, other = give.tool(meeting), take.tool(meeting)
+            if give.wall == take.wall or (mine.position[0] - other.position[0]) * side < 0.006:
+                continue
+            here = min(
+                fetch[give],
+                giver.margin(mine),
+                taker.margin(other),
+                giver.margin(_moved(mine, x=side * ASIDE)),
+                taker.margin(_moved(other, x=-side * ASIDE, z=0.8 * LIFT)),
+            )
+            for again in TURNS:
+                value = min(here, put(take, yaw + turned + again)) - 0.05 * (abs(turned) + abs(again))
+                if value <= best[0]:
+                    continue
+                target = upright(stand, yaw + turned + again)
+                there, away = self._way(block, side, meeting), self._way(target, -side, meeting)
+                least = min(_margin(giver, give, there), _margin(taker, take, away))
+                if least > 0.02:
+                    best = (value, (give, take, yaw + turned, target))
+        return best[1]  # type: ignore[no-any-return]
+
+    # --- a run --------------------------------------------------------------------------------------------------------------------
+
+    def free_pegs(self, side: int) -> Iterator[str]:
+        """Pegs of a side on which nothing stands, those near the cameras and the wall first: they are easiest to reach."""
+        taken = [self.block(name).position[:2] for name in self._blocks]
+        pegs = [peg for peg in self.board.pegs if self.board.side(peg) == side]
+        near = lambda peg: abs(self.board.pegs[peg][0] - self.board.middle) - self.board.pegs[peg][1]  # noqa: E731
+        for peg in sorted(pegs, key=near):
+            if all(math.dist(self.board.pegs[peg], place) > 0.015 for place in taken):
+                yield peg
+
+    def play(self, ways: int = 2, verbose: bool = False) -> Score:
+        """All blocks over and back, `ways` ways, or until the run is over."""
+        self.wait(1.0)
+        score = self.referee.score
+        for _ in range(20 * ways):
+            if score.is_over or score.way >= ways:
+                break
+            # Those without their point; then those that have been moved away again.
+            waiting = [name for name in self._blocks if name not in score.counted]
+            for name in waiting or [name for name in self._blocks if score.on_peg.get(name) is None]:
+                side = 1 if self.block(name).position[0] > self.board.middle else -1
+                try:
+                    for peg in self.free_pegs(-side):
+                        if self._plan(self.block(name), side, peg) is not None:
+                            self.transfer(name, peg)
+                            break
+                    else:
+                        raise Failed(f"{name} can't be brought over")
+                except Failed as error:
+                    if verbose:
+                        print(f"{score.time:6.1f} s: {error}")
+                    for arm in self.arms.values():
+                        self.set_jaw(arm, OPEN)
+                    self.wait(1.0)
+                if verbose:
+                    print(f"{score.time:6.1f} s: {name}: {score.points} points, {score.on_peg}")
+        return score
+
+
+def _moved(place: Place, x: float = 0.0, z: float = 0.0) -> Place:
+    """Along axes of the world, m."""
+    return Place(place.position + np.array([x, 0.0, z]), place.axes)
+
+
+def _margin(arm: Arm, grip: Grip, places: Sequence[Place]) -> float:
+    """The least margin of an arm that carries a block from place to place."""
+    least = 1.0
+    for begin, end in zip(places, places[1:]):
+        turn = _rotation_vector(end.axes @ begin.axes.T)
+        for share in (0.2, 0.4, 0.6, 0.8, 1.0):
+            place = Place(begin.position + share * (end.position - begin.position), _rotated(share * turn) @ begin.axes)
+            least = min(least, arm.margin(grip.tool(place)))
+    return least
+
+
+def _rotation_vector(matrix: Array) -> Array:
+    """Axis times angle, rad."""
+    cosine = max(-1.0, min(1.0, (float(np.trace(matrix)) - 1.0) / 2.0))
+    angle = math.acos(cosine)
+    twice = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
+    if angle > 3.0:
+        # Near half a turn the axis is in the symmetric part.
+        values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
+        axis: Array = vectors[:, int(np.argmax(values))]
+        return axis * (angle if axis @ twice >= 0.0 else -angle)
+    vector: Array = twice / 2.0 if angle < 1e-9 else twice * angle / (2.0 * math.sin(angle))
+    return vector
+
+
+def _rotated(vector: Array) -> Array:
+    """The rotation by a vector of axis times angle, rad (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-12:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    matrix: Array = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+    return matrix
+
+
+def scene(
+    resources: Path, seed: Optional[int], profile: str = "accurate", step: float = 0.005, ghosts: bool = False
+) -> ambf.Simulation:
+    """The scene, with the blocks where the seed puts them. Without `ghosts`, which take the weight of what is between jaws, friction
+    alone holds the blocks.
+    """
+    folder = resources / "peg_transfer"
+    models = [0, 1, 2, 3, 4, 5] if ghosts else [0, 1, 2, 4]
+    simulation = ambf.Simulation(launch_file=folder / "launch.yaml", indexes=models, profile=profile, step=step)
+    if seed is not None:
+        place_blocks(simulation, seed)
+    return simulation
+
+
+def place_blocks(simulation: ambf.Simulation, seed: int, board: Board = SYMMETRIC) -> None:
+    """Puts the blocks where the seed puts them; they were where the file has them."""
+    poses: Dict[Any, Any] = {}
+    for name, (peg, turn) in draw(seed, board).blocks.items():
+        body = simulation.body(name)
+        z, start = float(body.pose[2]), np.array(body.pose[3:])
+        half = turn / 2.0
+        s, c = math.sin(half), math.cos(half)
+        x0, y0, z0, w0 = start
+        # A turn about the world's z before what the file says.
+        rotated = (c * x0 - s * y0, c * y0 + s * x0, c * z0 + s * w0, c * w0 - s * z0)
+        poses[body.name] = (*board.pegs[peg], z, *rotated)
+    simulation.set_state(poses=poses)
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> None:
+    """Plays runs with several seeds, and prints a line of JSON for each."""
+    from ambf_gym.scene import resources
+
+    parser = argparse.ArgumentParser(description="Plays the peg transfer by a script, in this process.")
+    parser.add_argument("--seeds", type=int, default=10, help="how many runs, with the seeds 0, 1, … [10]")
+    parser.add_argument("--first", type=int, default=0, help="the first seed [0]")
+    parser.add_argument("--ways", type=int, default=2, help="ways over and back [2]")
+    parser.add_argument("--profile", default="accurate")
+    parser.add_argument("--step", type=float, default=0.005, help="interval of an iteration, s [0.005]")
+    parser.add_argument("--ghosts", action="store_true", help="load the ghosts of the fingers, too")
+    parser.add_argument("--verbose", action="store_true", help="say how it goes")
+    options = parser.parse_args(arguments)
+    for seed in range(options.first, options.first + options.seeds):
+        simulation = scene(resources(), seed, options.profile, options.step, options.ghosts)
+        player = Player(simulation, options.step)
+        score = player.play(options.ways, options.verbose)
+        print(json.dumps({"seed": seed, **score.as_dict()}), flush=True)
+        simulation.close()
+
+
+if __name__ == "__main__":
+    main()
