@@ -34,6 +34,9 @@ struct TopologyHolder {
   std::shared_ptr<const MeshTopology> topology;
 };
 
+// Room for a collision algorithm of an extension in the dispatcher's pool, bytes.
+constexpr int MAX_ALGORITHM_SIZE = 256;
+
 // The part of an engine in one world. It is created before everything else in the world and destroyed last. The world's
 // arena is entered during both, and during every call below that may allocate.
 class Extension {

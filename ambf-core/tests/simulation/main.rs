@@ -37,5 +37,6 @@ mod set_states;
 mod shared_worlds;
 mod soft_common;
 mod stepper;
+mod turning_grip;
 mod urdf;
 mod urdf_physics;

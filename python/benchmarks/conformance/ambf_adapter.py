@@ -9,7 +9,7 @@ from typing import Dict, List
 import ambf
 import numpy as np
 import urdf
-from scene import Body, Joint, Scene, Shape, Simulator, Unsupported, Vector, conjugate, product, roll_pitch_yaw, rotate, write_obj
+from scene import Body, Joint, Scene, Shape, Simulator, Vector, conjugate, product, roll_pitch_yaw, rotate, write_obj
 
 
 def mapping(keys: str, values: Vector) -> str:
@@ -103,7 +103,8 @@ class Ambf(Simulator):
         handle.target_twist[:] = (*velocity, 0, 0, 0)
 
     def reaction(self, joint: str) -> float:
-        raise Unsupported("forces in joints")
+        index = next(i for i, name in enumerate(self.sim.joints) if name.endswith(joint))
+        return float(np.linalg.norm(self.sim.joint_wrenches[index, :3]))
 
 
 class Legacy(Ambf):
