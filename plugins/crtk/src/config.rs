@@ -350,7 +350,8 @@ fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
     };
     let named = described.names.filter(|names| names.len() == count);
     // The challenge's interface has the scene's names.
-    let by_kind = (defaults.names.len() == count && dialect != Dialect::Src).then(|| defaults.names.iter().map(|&name| name.into()).collect());
+    let by_kind = (defaults.names.len() == count && dialect != Dialect::Src)
+        .then(|| defaults.names.iter().map(|&name| name.into()).collect());
     let names = map.texts("names")?.or(named).or(by_kind).unwrap_or(own_names);
     if names.len() != count {
         return Err(map.wrong("names", &format!("{count} names, one a joint")));
@@ -403,11 +404,13 @@ fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
         jaw: jaw(&map, described.jaw.as_ref())?,
         grasp: grasp(&map)?,
         tool: if is_virtual { None } else { tool(&map, kind)? },
-        reference: map
-            .text("reference")
-            .map(str::to_owned)
-            .or(described.reference)
-            .unwrap_or_else(|| if is_virtual { "world".into() } else { defaults.reference.into() }),
+        reference: map.text("reference").map(str::to_owned).or(described.reference).unwrap_or_else(|| {
+            if is_virtual {
+                "world".into()
+            } else {
+                defaults.reference.into()
+            }
+        }),
         limits,
         on_limit: map.choice("on_limit", &on_limits)?.unwrap_or(defaults.on_limit),
         efforts: map.numbers("efforts", count)?,
@@ -473,13 +476,9 @@ fn socket(map: &Map<'_>, kind: Kind) -> Result<Option<SocketConfig>, ConfigError
     let usual: &[Told] = match (style, kind) {
         (Style::Bridge, Kind::Ecm) => &[Told::SetPointPose, Told::SetPointJoints],
         (Style::Bridge, _) => &[Told::SetPointPose, Told::SetPointJaw],
-        (Style::Streamer, _) => &[
-            Told::MeasuredJoints,
-            Told::MeasuredJaw,
-            Told::SetPointPose,
-            Told::SetPointJaw,
-            Told::OperatingState,
-        ],
+        (Style::Streamer, _) => {
+            &[Told::MeasuredJoints, Told::MeasuredJaw, Told::SetPointPose, Told::SetPointJaw, Told::OperatingState]
+        }
     };
     let tell = match map.texts("send")? {
         None => usual.to_vec(),

@@ -467,10 +467,11 @@ mod tests {
     #[test]
     fn channels_and_counts_are_read() {
         let channel = sensor_msgs::ChannelFloat32 { name: "errors".into(), values: vec![0.5, -0.25, 0.0] };
-        let bytes = channel.encode_vec().unwrap();
+        let mut bytes = Vec::new();
+        RosMsg::encode(&channel, &mut bytes).unwrap();
         assert_eq!(read_channel(&bytes), Some(vec![0.5, -0.25, 0.0]));
         (0..bytes.len()).for_each(|end| assert_eq!(read_channel(&bytes[..end]), None));
-        assert_eq!(read_count(&std_msgs::UInt32 { data: 70_000 }.encode_vec().unwrap()), Some(70_000));
+        assert_eq!(read_count(&70_000_u32.to_le_bytes()), Some(70_000));
         assert_eq!(read_count(&[1, 2, 3]), None);
     }
 

@@ -17,6 +17,7 @@ use crate::bind::{bind, Binding, Moving, Reading};
 use crate::config::{self, ArmConfig, ClockKind, ConfigError, Configuration, Kind};
 use crate::diagnostics::{Board, Shown};
 use crate::exchange::{commands, ArmStatus, Inbox, Status};
+use crate::kinematics::Coordinates;
 use crate::messages::{self, MessageType};
 use crate::queries::{answers, services};
 use crate::seed::{errors, Random, Scatter};
@@ -24,7 +25,6 @@ use crate::serve::{wall_time, Offered, Publisher, Texts, Told};
 use crate::socket::Streamer;
 use crate::statistics::Meter;
 use crate::topics::{topics, Carries, Extras, Input, Output, Topic};
-use crate::kinematics::Coordinates;
 use crate::transport::{Connect, Receive, Transport};
 
 /// Name of the built-in plugin: `filename: builtin:crtk`.

@@ -282,10 +282,9 @@ fn pose_text(config: &SocketConfig, model: &ArmModel, pose: &Isometry3<f64>, sec
     let position = list(told.translation.vector.iter().copied());
     let [moving, reference] = match config.style {
         Style::Bridge => [String::new(), String::new()],
-        Style::Streamer => [
-            format!("\"MovingFrame\":\"{}\",", model.name),
-            format!("\"ReferenceFrame\":\"{}\",", model.frames.base),
-        ],
+        Style::Streamer => {
+            [format!("\"MovingFrame\":\"{}\",", model.name), format!("\"ReferenceFrame\":\"{}\",", model.frames.base)]
+        }
     };
     // The bridge's poses are always valid.
     let valid = valid || config.style == Style::Bridge;
@@ -379,7 +378,12 @@ fn pose_message(config: &SocketConfig, goal: &Value) -> Option<PoseMessage> {
     let gap = (matrix.transpose() * matrix - Matrix3::identity()).abs().max();
     // Not a rotation, or a mirror image: the arm refuses the quaternion.
     let is_rotation = gap < ROUNDED && matrix.determinant() > 0.0;
-    let rotation = Rotation3::from_matrix_eps(&if is_rotation { matrix } else { Matrix3::identity() }, 1e-12, 100, Rotation3::identity());
+    let rotation = Rotation3::from_matrix_eps(
+        &if is_rotation { matrix } else { Matrix3::identity() },
+        1e-12,
+        100,
+        Rotation3::identity(),
+    );
     let pose = config.offset * Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::from(rotation));
     let q = pose.rotation.coords;
     let orientation = if is_rotation { [q.x, q.y, q.z, q.w] } else { [0.0; 4] };

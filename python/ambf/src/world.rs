@@ -9,7 +9,7 @@ use ambf_core::adf::Launch;
 use ambf_core::bullet::{EnergyLedger, Ray, RayHit, RayTarget};
 use ambf_core::comm::{ActuatorCommand, HubIndex, ObjectKind, Snapshot};
 use ambf_core::ids::{ActuatorId, BodyId, JointId, SensorId};
-use ambf_core::scene::{Joint, StateChange};
+use ambf_core::scene::{Body, Joint, StateChange};
 use ambf_core::sim::{LostState, Stepper, StepperState};
 use ambf_core::text;
 use ambf_render::camera_labels;
@@ -637,6 +637,30 @@ impl World {
             numbers.extend(point.iter().chain(normal.iter()));
         }
         Ok((rows, PyArray1::from_vec(py, numbers)))
+    }
+
+    /// Numbers and names of the bodies without a row: passive ones.
+    fn passive_bodies(&self, py: Python<'_>) -> PyResult<Vec<(usize, String)>> {
+        self.with(py, |physics| {
+            let scene = physics.stepper.simulation().scene();
+            let is_meant = |(index, body): &(usize, &Body)| {
+                body.identity.passive && scene.world.pose(body.handle).is_some() && self.row_of(BodyId::new(*index)) < 0
+            };
+            scene.bodies.iter().enumerate().filter(is_meant).map(|(i, body)| (i, names::of_body(body))).collect()
+        })
+    }
+
+    /// Pose of the frame of a body by its number, and its twist; `None` when it has left the scene.
+    fn body_state(&self, py: Python<'_>, body: usize) -> PyResult<Option<([f64; 7], [f64; 6])>> {
+        self.with(py, |physics| {
+            let scene = physics.stepper.simulation().scene();
+            let body = scene.bodies.get(BodyId::new(body))?;
+            let pose = scene.world.pose(body.handle)? * body.inertial_offset_inverse;
+            let (linear, angular) = scene.world.velocity(body.handle)?;
+            let (at, turn) = (pose.translation.vector, pose.rotation.coords);
+            let twist = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
+            Some(([at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w], twist))
+        })
     }
 
     /// Mass and principal moments of each body, and lower and upper limit of each joint.

@@ -88,6 +88,18 @@ class Scene(unittest.TestCase):
         listed = {name for name in ASYMMETRIC.pegs if not model[f"BODY {name}"].get("passive")}
         self.assertEqual(listed, {f"peg{i}" for i in (4, 6, 7, 10, 13, 14)})
 
+    def test_passive_bodies_can_be_looked_at(self):
+        """Pegs and fingers have no rows, but poses."""
+        sim = scene()
+        self.assertEqual(len(sim.passive_bodies), 45 - len(sim.bodies))
+        peg = sim.passive_body("peg4_s")
+        np.testing.assert_allclose(peg.pose[:3], (*SYMMETRIC.pegs["peg4_s"], TOP + 0.01), atol=1e-9)
+        np.testing.assert_allclose(peg.twist, 0, atol=1e-12)
+        finger, link = sim.passive_body("psm1/toolgripperleftlink"), sim.body("psm1/toolyawlink")
+        np.testing.assert_allclose(finger.pose[:3], link.pose[:3], atol=1e-6)
+        with self.assertRaises(ambf.NotFoundError):
+            sim.passive_body("block1")
+
     def test_surfaces_are_where_they_belong(self):
         """Board, peg and wall, by rays from above."""
         sim = scene()

@@ -44,6 +44,58 @@ fn rules_of_grasping_have_defaults_and_need_a_jaw() {
 }
 
 #[test]
+fn sockets_have_the_defaults_of_their_style() {
+    let socket = |keys: &str| read(&PSM.replace("    tool:", &format!("    socket: {keys}\n    tool:")));
+    let bridge = socket("{style: bridge, listen: 5701, to: 127.0.0.1:48051}").unwrap()[0].socket.clone().unwrap();
+    assert_eq!((bridge.listen.to_string().as_str(), bridge.rate), ("0.0.0.0:5701", 60.0));
+    assert_eq!(bridge.to.unwrap().port(), 48051);
+    assert_eq!(bridge.tell, [Told::SetPointPose, Told::SetPointJaw]);
+    let turned = bridge.offset * nalgebra::Vector3::new(1.0, 2.0, 3.0);
+    assert!((turned - nalgebra::Vector3::new(-1.0, 2.0, -3.0)).norm() < 1e-12, "diag(-1, 1, -1)");
+    let streamer = socket("{listen: '127.0.0.1:5702', send: [measured_js]}").unwrap()[0].socket.clone().unwrap();
+    assert_eq!((streamer.style, streamer.to, streamer.rate), (Style::Streamer, None, 100.0));
+    assert_eq!(streamer.tell, [Told::MeasuredJoints]);
+    assert_eq!(streamer.offset, UnitQuaternion::identity());
+    for (keys, word) in [
+        ("{listen: 70000}", "a port"),
+        ("{to: sender}", "listen"),
+        ("{listen: 1, to: headset}", "an address"),
+        ("{listen: 1, style: loud}", "bridge, streamer"),
+        ("{listen: 1, rate: 0}", "1 to 1000"),
+        ("{listen: 1, send: [everything]}", "jaw/measured_js"),
+        ("{listen: 1, offset_rpy: [1]}", "3 finite numbers"),
+        ("{listen: 1, port: 2}", "offset_rpy"),
+    ] {
+        let error = socket(keys).unwrap_err().to_string();
+        assert!(error.contains(word), "{error}");
+    }
+}
+
+#[test]
+fn what_a_seed_draws_is_configured_beside_the_arms() {
+    let arms = "crtk:\n  - {name: A, joints: [x, y], errors: [0.1, 0.2]}\n  - {name: ecm, kind: ecm, dialect: src, body: CameraFrame}\n";
+    let text = format!("{arms}scatter: {{bodies: [b1, b2], places: [[1, 2], [3, 4], [5, 6]]}}\n");
+    let whole = |text: &str| from_outline(&Outline::parse(text, Path::new("arms.yaml")).unwrap(), Path::new("."));
+    let read = whole(&text).unwrap();
+    assert_eq!(read.arms[0].errors, [0.1, 0.2]);
+    let ecm = &read.arms[1];
+    assert_eq!((ecm.body.as_deref(), ecm.names.len(), ecm.home.as_ref()), (Some("CameraFrame"), 4, None));
+    assert_eq!((ecm.names[0].as_str(), ecm.reference.as_str()), ("j0", "world"));
+    let scatter = read.scatter.unwrap();
+    assert_eq!((scatter.bodies.len(), scatter.places[2]), (2, [5.0, 6.0]));
+    for (text, word) in [
+        (format!("{arms}scatter: {{bodies: [b1, b2], places: [[1, 2]]}}\n"), "at least one a body"),
+        (format!("{arms}scatter: {{bodies: [b1], places: [[1, 2, 3]]}}\n"), "places [x, y]"),
+        (format!("{arms}scatter: {{places: [[1, 2]]}}\n"), "bodies"),
+        (arms.replace("[0.1, 0.2]", "[0.1, 0.2, 0.3]"), "at most 2 bounds"),
+        (arms.replace("[0.1, 0.2]", "[-0.1]"), "0 or more"),
+    ] {
+        let error = whole(&text).unwrap_err().to_string();
+        assert!(error.contains(word), "{error}");
+    }
+}
+
+#[test]
 fn mistakes_say_where_they_are_and_what_was_expected() {
     let entry = |lines: &str| format!("crtk:\n  - name: A\n    joints: [x, y]\n    {lines}\n");
     for (text, words) in [
@@ -82,7 +134,7 @@ fn arm_files_of_the_simulators_give_limits_speeds_and_home() {
     fs::write(folder.path().join("PSM1.yaml"), robot).unwrap();
     let own = "crtk:\n  - {name: PSM1, joints: [a, b], robot_file: PSM1.yaml, jaw: {joints: [{joint: j}]}}\n";
     fs::write(folder.path().join("arms.yaml"), own).unwrap();
-    let arms = load(&folder.path().join("arms.yaml")).unwrap();
+    let arms = load(&folder.path().join("arms.yaml")).unwrap().arms;
     assert_eq!(arms[0].names, ["yaw", "pitch"]);
     assert_eq!(arms[0].limits.as_ref().unwrap()[1], Limits { lower: -0.7, upper: 0.7 });
     assert_eq!((arms[0].home.as_deref(), arms[0].speeds[1]), (Some(&[0.1, 0.2][..]), 4.0));

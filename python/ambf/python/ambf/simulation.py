@@ -231,6 +231,17 @@ class Simulation(_Arrays):
             self._handles[index] = Body(self, index)
         return self._handles[index]
 
+    @property
+    def passive_bodies(self) -> Tuple[str, ...]:
+        """Names of the bodies with `passive: true`, which have no topics over ROS and no rows in the arrays."""
+        return tuple(name for _, name in self._world.passive_bodies())
+
+    def passive_body(self, name: Union[str, int]) -> PassiveBody:
+        """One of them, as `body` finds others. Raises NotFoundError, ClosedError, BusyError."""
+        listed = self._world.passive_bodies()
+        number, full = listed[_find(name, [other for _, other in listed], "passive bodies")]
+        return PassiveBody(self, number, full)
+
     def sensor(self, name: Union[str, int]) -> Sensor:
         """The sensor of that name, as `body` finds it. Raises NotFoundError."""
         return Sensor(self, _find(name, self.sensors, "sensors"))
@@ -495,6 +506,31 @@ class Viewer:
         self, kind: Optional[Type[BaseException]], error: Optional[BaseException], trace: Optional[TracebackType]
     ) -> None:
         self.close()
+
+
+class PassiveBody:
+    """A body that can only be looked at."""
+
+    def __init__(self, simulation: Simulation, number: int, name: str) -> None:
+        self.simulation = simulation
+        self.name = name
+        self._number = number
+
+    @property
+    def pose(self) -> Array:
+        """(7) position, m, and quaternion x, y, z, w of the body frame, now: a copy. Raises NotFoundError when it has left the scene."""
+        return np.array(self._state()[0])
+
+    @property
+    def twist(self) -> Array:
+        """(6) velocity of the centre of mass, m/s, and angular velocity, rad/s, now: a copy. Raises as `pose`."""
+        return np.array(self._state()[1])
+
+    def _state(self) -> Tuple[List[float], List[float]]:
+        state = self.simulation._world.body_state(self._number)
+        if state is None:
+            raise NotFoundError(f"{self.name} has left the scene")
+        return state
 
 
 class Body(_Arrays):
