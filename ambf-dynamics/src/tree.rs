@@ -250,7 +250,8 @@ impl Goal {
     fn error(&self, posture: &Posture<'_>) -> [Vector3<f64>; 2] {
         let frame = posture.poses[self.link] * self.frame;
         let distance = self.position.map_or_else(Vector3::zeros, |wanted| wanted - frame.translation.vector);
-        let turn = self.rotation.map_or_else(Vector3::zeros, |wanted| (wanted * frame.rotation.inverse()).scaled_axis());
+        let turn =
+            self.rotation.map_or_else(Vector3::zeros, |wanted| (wanted * frame.rotation.inverse()).scaled_axis());
         [distance, turn]
     }
 

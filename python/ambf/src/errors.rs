@@ -1,7 +1,7 @@
 //! Exceptions. Their classes are Python's, in `ambf.errors`.
 
 use ambf_core::bullet::StateError;
-use ambf_core::scene::SetStateError;
+use ambf_core::scene::{MechanismError, SetStateError};
 use ambf_core::sim::LostState;
 use ambf_core::text::lines;
 use ambf_render::{NoSuchCamera, RenderError};
@@ -53,6 +53,11 @@ pub fn state(py: Python<'_>, problem: &StateError) -> PyErr {
 /// Error when a state can't be set; nothing has changed.
 pub fn set_state(py: Python<'_>, problem: &SetStateError) -> PyErr {
     raise(py, "StateError", (lines(&problem.to_string()).into_owned(),))
+}
+
+/// Error when bodies are no tree.
+pub fn tree(py: Python<'_>, problem: &MechanismError) -> PyErr {
+    raise(py, "TreeError", (lines(&problem.to_string()).into_owned(),))
 }
 
 /// Error when there is no such camera, or several.

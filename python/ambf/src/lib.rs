@@ -7,7 +7,7 @@
 //!
 //! Begin with `world.rs`: `World::step` takes the physics out of its slot, puts the commands of the arrays in force,
 //! steps without Python's lock, and writes the states into the arrays. `drawing.rs` draws, `view.rs` opens windows,
-//! `pool.rs` steps many worlds at once.
+//! `pool.rs` steps many worlds at once, `tree.rs` answers questions about mechanisms.
 //!
 //! Not in: names, shapes and checks of arguments that users see, which are in `python/ambf/simulation.py`; ROS, which
 //! is `ambf_client`'s.
@@ -19,6 +19,7 @@ mod errors;
 mod load;
 mod names;
 mod pool;
+mod tree;
 mod view;
 mod world;
 
@@ -28,6 +29,8 @@ use pyo3::pymodule;
 mod _ambf {
     #[pymodule_export]
     use super::pool::{shared_descriptions, shared_shapes, step_all};
+    #[pymodule_export]
+    use super::tree::Tree;
     #[pymodule_export]
     use super::world::{State, World};
 }

@@ -2,6 +2,7 @@
 
 use std::panic::{catch_unwind, resume_unwind, AssertUnwindSafe};
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -22,6 +23,7 @@ use crate::arrays::{Buffer, Pool};
 use crate::commands::{BodyCommands, Requested, Row, SavedArrays};
 use crate::drawing::{self, Drawing, Moment};
 use crate::load::{self, Made, Wanted};
+use crate::tree::{self, Tree};
 use crate::view::Windows;
 use crate::{errors, names};
 
@@ -95,6 +97,7 @@ pub struct World {
     drawing: Drawing,
     pictures: PictureArrays,
     windows: Mutex<Option<Windows>>,
+    revision: AtomicU64,
 }
 
 /// Arrays of pictures.
@@ -349,6 +352,7 @@ impl World {
             drawing: Drawing::default(),
             pictures: PictureArrays::default(),
             windows: Mutex::default(),
+            revision: AtomicU64::default(),
         };
         let requested = Requested::new(made.rows.len());
         made.give(py, Some(Physics { stepper: Box::new(stepper), requested, _launch: launch }))?;
@@ -624,6 +628,33 @@ impl World {
             numbers.extend(point.iter().chain(normal.iter()));
         }
         Ok((rows, PyArray1::from_vec(py, numbers)))
+    }
+
+    /// Another number whenever masses, inertias, frames, limits or gravity have changed.
+    #[getter]
+    fn revision(&self) -> u64 {
+        self.revision.load(Ordering::Relaxed)
+    }
+
+    /// The tree that a body is part of.
+    fn tree(&self, py: Python<'_>, body: usize) -> PyResult<Tree> {
+        let id = self.row(body)?.id;
+        self.with(py, |physics| {
+            let scene = physics.stepper.simulation().scene();
+            let mechanism = scene.mechanism(id).map_err(|problem| errors::tree(py, &problem))?;
+            Ok(Tree::new(mechanism, scene))
+        })?
+    }
+
+    /// Pose of the body frame and twist of the base of a tree, as in the arrays.
+    fn tree_base(&self, py: Python<'_>, tree: &Tree) -> PyResult<([f64; 7], [f64; 6])> {
+        self.with(py, |physics| {
+            let base = tree.bodies()[0];
+            let state = &physics.stepper.snapshot().bodies[base];
+            let pose = state.body_pose(&physics.stepper.simulation().scene().bodies[base].inertial_offset_inverse);
+            let ([x, y, z], [i, j, k]) = (state.linear_velocity, state.angular_velocity);
+            (tree::seven(&pose), [x, y, z, i, j, k])
+        })
     }
 
     /// Mass and principal moments of each body, and lower and upper limit of each joint.

@@ -23,6 +23,7 @@ from .errors import (
     NotFoundError,
     RenderError,
     StateError,
+    TreeError,
 )
 from .scenes import resources
 from .simulation import (
@@ -40,6 +41,7 @@ from .simulation import (
     Viewer,
     step_all,
 )
+from .tree import Reached, Tree
 
 __all__ = [
     "EFFORT",
@@ -58,11 +60,14 @@ __all__ = [
     "NonFiniteError",
     "NotFoundError",
     "Rays",
+    "Reached",
     "RenderError",
     "Sensor",
     "Simulation",
     "State",
     "StateError",
+    "Tree",
+    "TreeError",
     "Viewer",
     "resources",
     "step_all",

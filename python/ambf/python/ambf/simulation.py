@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _ambf
 from ._ambf import State
 from .errors import NonFiniteError, NotFoundError
+from .tree import Tree
 
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int8]
@@ -234,6 +235,14 @@ class Simulation(_Arrays):
     def actuator(self, name: Union[str, int]) -> Actuator:
         """The actuator of that name, as `body` finds it. Raises NotFoundError."""
         return Actuator(self, _find(name, self.actuators, "actuators"))
+
+    def tree(self, body: Union[str, int]) -> Tree:
+        """The tree of bodies that hang together with `body` by joints: Jacobians, mass matrix, forces, inverse kinematics.
+
+        What stands still is the base of what hangs on it. Raises TreeError, which names the joint, if joints close a loop, or one is
+        neither revolute nor prismatic nor fixed; NotFoundError, ClosedError, BusyError.
+        """
+        return Tree(self, _find(body, self.bodies, "bodies"))
 
     def step(self, steps: int = 1) -> None:
         """Makes `steps` iterations under the commands of the arrays; 0 changes nothing.
