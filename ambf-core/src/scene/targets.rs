@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::joint::{Joint, JointType};
 use super::{Bodies, Body, Scene};
-use crate::adf::{Controller, Limits, IMPULSE_STEP};
+use crate::adf::{Controller, Gains, Limits, IMPULSE_STEP};
 use crate::bullet::{BodyDrive, SoftMotor, SubStep, World};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use crate::control::{
@@ -73,6 +73,11 @@ impl JointTarget {
             applied: None,
             is_listed: false,
         }
+    }
+
+    /// Uses other gains from now on.
+    pub fn set_gains(&mut self, gains: Gains) {
+        self.driver.set_gains(gains);
     }
 
     /// Forgets what the controller remembers.
@@ -294,6 +299,11 @@ impl BodyTarget {
             has_spring: false,
             is_listed: false,
         }
+    }
+
+    /// Uses other gains, linear and angular, from now on.
+    pub fn set_gains(&mut self, gains: [Gains; 2]) {
+        self.driver.set_gains(gains);
     }
 
     /// Forgets what the controller remembers.

@@ -11,6 +11,7 @@ mod joint_drives;
 mod joint_rows;
 mod lost_states;
 mod models_at_run_time;
+mod parameters;
 mod physics_churn;
 mod physics_collisions;
 mod physics_common;

@@ -1,6 +1,6 @@
 //! Trees of bodies: Jacobians, mass matrices, forces and inverse kinematics, as functions of coordinates that are given.
 
-use ambf_core::ids::BodyId;
+use ambf_core::ids::{BodyId, JointId};
 use ambf_core::scene::{Mechanism, Scene};
 use ambf_core::tree::{Goal, Posture};
 use nalgebra::{DVector, Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -23,14 +23,17 @@ pub struct Tree {
     /// (links) poses of the inertial frames in the frames of the bodies.
     offsets: Vec<Isometry3<f64>>,
     names: Vec<String>,
+    places: Vec<usize>,
 }
 
 impl Tree {
-    pub fn new(mechanism: Mechanism, scene: &Scene) -> Self {
+    /// `joints`: those of the arrays of the world, in their order.
+    pub fn new(mechanism: Mechanism, scene: &Scene, joints: &[JointId]) -> Self {
         let bodies = || mechanism.bodies.iter().map(|id| &scene.bodies[*id]);
         let (offsets, names) =
             (bodies().map(|body| body.inertial_offset).collect(), bodies().map(names::of_body).collect());
-        Self { mechanism, offsets, names }
+        let places = mechanism.joints.iter().filter_map(|joint| joints.binary_search(joint).ok()).collect();
+        Self { mechanism, offsets, names, places }
     }
 
     pub fn bodies(&self) -> &[BodyId] {
@@ -60,7 +63,7 @@ fn numbers<'a>(what: &str, given: &'a Given<'_>, count: usize) -> PyResult<&'a [
 }
 
 /// Position, m, and quaternion x, y, z, w.
-fn pose_of([x, y, z, i, j, k, w]: [f64; 7]) -> PyResult<Isometry3<f64>> {
+pub fn pose_of([x, y, z, i, j, k, w]: [f64; 7]) -> PyResult<Isometry3<f64>> {
     let rotation = rotation_of([i, j, k, w])?;
     match [x, y, z].iter().all(|number| number.is_finite()) {
         true => Ok(Isometry3::from_parts(Translation3::new(x, y, z), rotation)),
@@ -92,9 +95,10 @@ impl Tree {
         self.names.clone()
     }
 
+    /// (joints) places in the arrays of the world.
     #[getter]
     fn joints(&self) -> Vec<usize> {
-        self.mechanism.joints.iter().map(|id| id.index()).collect()
+        self.places.clone()
     }
 
     #[getter]

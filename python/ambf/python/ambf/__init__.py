@@ -13,6 +13,9 @@ print(sim.sim_time, arm.joint_positions, flange.pose)
 from __future__ import annotations
 
 from ._ambf import State
+from ._ambf import version as __version__
+from .arrays import EFFORT, FORCE, NONE, POSITION, VELOCITY
+from .batch import Batch
 from .errors import (
     AmbfError,
     BusyError,
@@ -27,11 +30,6 @@ from .errors import (
 )
 from .scenes import resources
 from .simulation import (
-    EFFORT,
-    FORCE,
-    NONE,
-    POSITION,
-    VELOCITY,
     Actuator,
     Body,
     Contacts,
@@ -51,6 +49,7 @@ __all__ = [
     "VELOCITY",
     "Actuator",
     "AmbfError",
+    "Batch",
     "Body",
     "BusyError",
     "ClosedError",
@@ -69,6 +68,7 @@ __all__ = [
     "Tree",
     "TreeError",
     "Viewer",
+    "__version__",
     "resources",
     "step_all",
 ]

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, List, NamedTuple, Optional, Sequence, Tuple, U
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .names import find
+
 if TYPE_CHECKING:
     from . import _ambf
     from .simulation import Simulation
@@ -184,9 +186,7 @@ class Tree:
         )
 
     def _link(self, body: Union[str, int]) -> int:
-        from .simulation import _find
-
-        return _find(body, self.bodies, "bodies of the tree")
+        return find(body, self.bodies, "bodies of the tree")
 
     def _current(self) -> _ambf.Tree:
         revision = self.simulation._world.revision

@@ -64,9 +64,10 @@ __all__ = [
     "Twist",
 ]
 
-for _name in ("Reach", "Lift"):
+for _name, _steps in (("Reach", 50), ("Lift", 200)):
     gymnasium.register(
         f"ambf/{_name}-v0",
+        max_episode_steps=_steps,
         entry_point=f"ambf_gym.tasks:make_{_name.lower()}",
         vector_entry_point=f"ambf_gym.tasks:make_{_name.lower()}_vec",
     )
