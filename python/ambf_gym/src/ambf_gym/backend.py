@@ -123,7 +123,7 @@ class States:
     sensors: Dict[str, SensorState]
     actuators: Dict[str, bool]
     """Whether they hold something."""
-    flat: Optional[Array] = None
+    flat: Optional[Array] = field(default=None, repr=False, compare=False)
     """All numbers in the order of `gather.Layout`, where the backend has them."""
 
     def __post_init__(self) -> None:

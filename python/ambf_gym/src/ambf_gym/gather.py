@@ -149,6 +149,10 @@ class SeenBody(BodyState):
     def __init__(self, flat: Array, layout: Layout, row: int, joints: Sequence[Tuple[str, int]]) -> None:
         self.__dict__["_of"] = (flat, layout, row, joints)
 
+    def __repr__(self) -> str:
+        motion = (self.position, self.rotation, self.linear_velocity, self.angular_velocity)
+        return repr(BodyState(*motion, self.joint_positions, self.joint_velocities, self.joint_efforts))
+
     def _part(self, first: int, count: int) -> Array:
         flat: Array = self.__dict__["_of"][0]
         part: Array = flat[first : first + count].copy()
