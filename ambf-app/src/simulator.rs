@@ -116,6 +116,7 @@ fn load_simulation(
         prefix: options.namespace.clone(),
         rates: options.publish_frequency.map(|rates| Rates { min: rates.min, max: rates.max }),
         physics,
+        default_profile: None,
         is_one_of_many: false,
         may_grow: devices::are_wanted(&options.devices),
         // Windows show the last minute.

@@ -196,10 +196,14 @@ LinkCollider::LinkCollider(AmbBody &owner, btMultiBody *multi_body, int link)
     : btMultiBodyLinkCollider(multi_body, link) {
   setUserPointer(static_cast<AmbObject *>(&owner));
   setCollisionShape(owner.shape->shape.get());
+  copy_surface(owner);
+  setActivationState(DISABLE_DEACTIVATION);
+}
+
+void LinkCollider::copy_surface(const AmbBody &owner) {
   setFriction(owner.body.getFriction());
   setRollingFriction(owner.body.getRollingFriction());
   setRestitution(owner.body.getRestitution());
-  setActivationState(DISABLE_DEACTIVATION);
 }
 
 AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n,
@@ -217,7 +221,10 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
     // A fixed base may be the base of several articulations and has no `articulation`.
     return body == members[0].body ? 0 : body->articulation == this ? body->member : -1;
   };
-  if (!fixed) base.articulation = this;
+  if (!fixed) {
+    base.articulation = this;
+    base.member = 0;
+  }
   for (int i = 0; i < n; ++i) {
     AmbConstraint &joint = *joints[i];
     const bool from_a = member_of(&first_of(joint)) >= 0;
@@ -311,6 +318,33 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
   world.articulated->addMultiBody(multi_body.get());
   world.articulated->addMultiBodyConstraint(joint_rows.get());
   world.articulated->articulations.push_back(this);
+}
+
+void AmbArticulation::body_changed(const AmbBody &body) {
+  const size_t member = body.member;
+  ArticulationDynamics::Body &present = dynamics.bodies[member];
+  ArticulationDynamics::Body changed = body_of(body);
+  changed.force = present.force;
+  changed.torque = present.torque;
+  present = changed;
+  if (member == 0) {
+    multi_body->setBaseMass(changed.mass);
+    multi_body->setBaseInertia(changed.inertia);
+  } else {
+    btMultibodyLink &link = multi_body->getLink(static_cast<int>(member) - 1);
+    link.m_mass = changed.mass;
+    link.m_inertiaLocal = changed.inertia;
+  }
+  if (members[member].collider) members[member].collider->copy_surface(body);
+}
+
+bool AmbArticulation::damping_changed(const AmbConstraint &joint) {
+  for (size_t i = 0; i < springs.size(); ++i) {
+    if (springs[i].constraint != &joint) continue;
+    dynamics.springs[i].damping = joint.motor.damping;
+    return true;
+  }
+  return joint.motor.damping <= 0;
 }
 
 void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is_joint) {

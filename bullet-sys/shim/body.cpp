@@ -1,4 +1,32 @@
+#include <BulletCollision/CollisionDispatch/btManifoldResult.h>
+
 #include "internal.h"
+
+namespace {
+
+// Points of contacts keep the coefficients with which they were made.
+void refresh_contacts(AmbBody &body) {
+  btDispatcher &dispatcher = body.world->dispatcher;
+  for (int i = 0; i < dispatcher.getNumManifolds(); ++i) {
+    btPersistentManifold &manifold = *dispatcher.getManifoldByIndexInternal(i);
+    const btCollisionObject *a = manifold.getBody0(), *b = manifold.getBody1();
+    if (a != body.collider && b != body.collider) continue;
+    for (int p = 0; p < manifold.getNumContacts(); ++p) {
+      btManifoldPoint &point = manifold.getContactPoint(p);
+      point.m_combinedFriction = btManifoldResult::calculateCombinedFriction(a, b);
+      point.m_combinedRollingFriction = btManifoldResult::calculateCombinedRollingFriction(a, b);
+      point.m_combinedSpinningFriction = btManifoldResult::calculateCombinedSpinningFriction(a, b);
+      point.m_combinedRestitution = btManifoldResult::calculateCombinedRestitution(a, b);
+    }
+  }
+}
+
+// Tells whoever has copies of what was set.
+void note_change(AmbBody &body) {
+  if (body.world && body.world->extension) body.world->extension->body_changed(body);
+}
+
+}  // namespace
 
 extern "C" {
 
@@ -17,11 +45,23 @@ void amb_body_set_surface(AmbBody *body, double friction, double rolling_frictio
   body->body.setFriction(friction);
   body->body.setRollingFriction(rolling_friction);
   body->body.setRestitution(restitution);
+  note_change(*body);
+  if (body->world) refresh_contacts(*body);
 }
 
 void amb_body_set_damping(AmbBody *body, double linear, double angular) {
   body->body.setDamping(linear, angular);
   if (body->world) set_sleeping_thresholds(*body->world, *body);
+  note_change(*body);
+}
+
+void amb_body_set_mass(AmbBody *body, double mass, const double inertia[3]) {
+  btRigidBody &rigid = body->body;
+  if (rigid.getInvMass() <= 0 || !(mass > 0)) return;
+  rigid.setMassProps(mass, vector_of(inertia));
+  rigid.updateInertiaTensor();
+  note_change(*body);
+  rigid.activate();
 }
 
 // activate() wakes a sleeping body and has no effect on a body that never sleeps.

@@ -13,8 +13,11 @@ void amb_body_free(AmbBody *body);
    which none is common. groups: n numbers, ascending. To be called before the body is added to a world. */
 void amb_body_set_apart(AmbBody *body, unsigned family, const unsigned *groups, int n);
 
+/* Contacts that are there already get the new coefficients, too. */
 void amb_body_set_surface(AmbBody *body, double friction, double rolling_friction, double restitution);
 void amb_body_set_damping(AmbBody *body, double linear, double angular);
+/* Mass above 0, kg, and principal moments of inertia, kg m^2, of a body that is not static; its velocities stay. */
+void amb_body_set_mass(AmbBody *body, double mass, const double inertia[3]);
 /* m/s^2. To be called after the body was added to a world, which sets the world's gravity. */
 void amb_body_set_gravity(AmbBody *body, const double gravity[3]);
 void amb_body_apply_wrench(AmbBody *body, const double force[3], const double torque[3]);

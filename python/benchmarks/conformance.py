@@ -27,7 +27,10 @@ Results = Dict[Tuple[str, float], Dict[str, Any]]
 
 def measure(python: str, module: str, name: str, cases: Sequence[str], path: str = "") -> Results:
     """Results of one simulator; where its process ends early, so do they."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (str(HERE), path, os.environ.get("PYTHONPATH"))))}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(filter(None, (str(HERE), path, os.environ.get("PYTHONPATH")))),
+    }
     command = [python, str(HERE / "run.py"), module, name, *cases]
     done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=False, text=True)
     lines = [json.loads(line) for line in done.stdout.splitlines()]
@@ -49,7 +52,9 @@ def table(case: Any, results: Dict[str, Results]) -> Tuple[str, Dict[str, List[b
     lines = [f"| h, ms | | right | {' | '.join(results)} |", "|---" * (3 + len(results)) + "|"]
     passes: Dict[str, List[bool]] = {name: [] for name in results}
     for step in case.steps:
-        answers = {name: result.get((case.name, step), {"unsupported": "did not end"}) for name, result in results.items()}
+        answers = {
+            name: result.get((case.name, step), {"unsupported": "did not end"}) for name, result in results.items()
+        }
         known = next((answer["rows"] for answer in answers.values() if "rows" in answer), [])
         for i, (what, _, right, tolerance, _) in enumerate(known):
             cells = []

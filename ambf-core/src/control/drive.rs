@@ -160,6 +160,11 @@ impl JointDriver {
         self.output == ControllerOutput::Force
     }
 
+    /// Uses other gains from now on; what it remembers stays.
+    pub fn set_gains(&mut self, gains: Gains) {
+        self.gains = gains;
+    }
+
     /// The row for the sub-step of `h` s that follows.
     pub fn update(&mut self, at: &TrackingError<f64>, scheme: Scheme, h: f64) -> SoftVelocity<f64> {
         let Gains { p, i, d } = self.gains;
@@ -240,6 +245,11 @@ impl PoseDriver {
     /// Whether it pulls like a spring.
     pub fn is_spring(&self) -> bool {
         self.output == ControllerOutput::Force
+    }
+
+    /// Uses other gains, linear and angular, from now on.
+    pub fn set_gains(&mut self, gains: [Gains; 2]) {
+        self.gains = gains;
     }
 
     /// The action in the sub-step of `h` s that follows. Deviations of position (m, m/s) and of orientation (rotation

@@ -32,7 +32,7 @@ pub(super) fn empty_scene(
     notes: &mut Vec<Note>,
 ) -> Scene {
     let physics = physics(&world, &options.physics, notes);
-    let profile = physics.profile.unwrap_or_default();
+    let profile = physics.profile.or(options.default_profile).unwrap_or_default();
     let (solver, integrator) = match (physics.preset, profile) {
         (Some(Preset::PyBullet), _) => (Solver::SequentialImpulse, Integrator::Euler),
         (None, Profile::Legacy) => (Solver::WarmFriction, Integrator::Euler),

@@ -78,7 +78,7 @@ impl JointType {
         matches!(self, Self::Prismatic | Self::LinearSpring)
     }
 
-    fn has_motor(self) -> bool {
+    pub(super) fn has_motor(self) -> bool {
         matches!(self, Self::Revolute | Self::Prismatic)
     }
 }
@@ -159,6 +159,8 @@ pub struct Joint {
 /// What of a [`Joint`] changes while the simulation runs, beside what Bullet knows.
 #[derive(Debug, Clone)]
 pub(super) struct SavedJoint {
+    limits: Option<Limits>,
+    drive_train: adf::DriveTrain,
     position: f64,
     velocity: f64,
     effort: f64,
@@ -178,10 +180,10 @@ impl Joint {
             child: _,
             model: _,
             passive: _,
-            limits: _,
+            limits,
             enable_motor: _,
             max_motor_impulse: _,
-            drive_train: _,
+            drive_train,
             feedback: _,
             is_measured: _,
             position,
@@ -199,6 +201,8 @@ impl Joint {
             target,
         } = self;
         SavedJoint {
+            limits: *limits,
+            drive_train: *drive_train,
             position: *position,
             velocity: *velocity,
             effort: *effort,
@@ -209,7 +213,8 @@ impl Joint {
     }
 
     pub(super) fn restore(&mut self, saved: &SavedJoint) {
-        let SavedJoint { position, velocity, effort, wrench, controller, target } = saved;
+        let SavedJoint { limits, drive_train, position, velocity, effort, wrench, controller, target } = saved;
+        (self.limits, self.drive_train) = (*limits, *drive_train);
         (self.position, self.velocity, self.effort, self.wrench) = (*position, *velocity, *effort, *wrench);
         self.controller.clone_from(controller);
         self.target.clone_from(target);
@@ -351,6 +356,11 @@ impl Joint {
         self.set_motor(world, false, 0.0);
     }
 
+    /// Gains of its position controller.
+    pub fn gains(&self) -> adf::Gains {
+        self.controller.gains()
+    }
+
     /// The part of an effort, N·m or N, that its drive has.
     pub(super) fn possible_effort(&self, effort: f64) -> f64 {
         self.drive_train.max_effort.map_or(effort, |most| effort.clamp(-most, most))
@@ -450,7 +460,13 @@ fn angle_between(u: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
 pub(super) fn resistance(joint: &adf::Joint) -> Option<Resistance> {
     let adf::DriveTrain { damping, friction, max_effort: _, max_rate } = joint.drive_train;
     let resists = JointType::from(&joint.kind).has_motor() && (damping > 0.0 || friction > 0.0 || max_rate.is_some());
-    resists.then(|| Resistance { damping, friction, max_rate: max_rate.unwrap_or(f64::INFINITY) })
+    resists.then(|| resistance_of(&joint.drive_train))
+}
+
+/// What resists the motion of a joint with a drive.
+pub(super) fn resistance_of(drive_train: &adf::DriveTrain) -> Resistance {
+    let adf::DriveTrain { damping, friction, max_effort: _, max_rate } = *drive_train;
+    Resistance { damping, friction, max_rate: max_rate.unwrap_or(f64::INFINITY) }
 }
 
 /// The Bullet constraint that a joint becomes; `None` for an unknown type.

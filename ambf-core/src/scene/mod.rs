@@ -20,8 +20,10 @@ mod identity;
 mod joint;
 mod list;
 mod load;
+mod mechanism;
 mod names;
 mod object;
+mod parameters;
 mod physics;
 mod planned;
 mod progress;
@@ -56,8 +58,10 @@ pub use joint::{Joint, JointType};
 pub use list::Objects;
 use list::{ObjectList, SceneObject, Update};
 pub use load::{load, load_with_progress, read_model, Loaded, PreparedModel, SceneFiles, SceneReport};
+pub use mechanism::{Mechanism, MechanismError};
 pub use names::{Found, NameMap};
 pub use object::DeclaredPlugins;
+pub use parameters::{ParameterChange, ParameterError};
 pub use physics::PhysicsOptions;
 pub use progress::Progress;
 pub use robot_description::{LinkFrame, RobotDescription, UNLIMITED, WORLD_LINK};
@@ -96,6 +100,8 @@ pub struct SceneOptions {
     pub rates: Option<Rates>,
     /// Physics wanted; `None`: the world file's, else the default.
     pub physics: PhysicsOptions,
+    /// Profile where neither `physics` nor the world file names one; `None`: legacy. Default: `None`.
+    pub default_profile: Option<Profile>,
     /// Models with joints will be added later: where joints may be put into reduced coordinates, theirs may be too.
     /// Default: `false`.
     pub may_grow: bool,
@@ -262,11 +268,12 @@ impl Scene {
     }
 
     /// What is saved beside the [`lists`](Self::lists) of objects.
-    fn saved_fields(&self) -> (&World, &Table<JointId, Joint>) {
+    fn saved_fields(&self) -> (&World, &Table<JointId, Joint>, &Vector3<f64>) {
         // All fields by name, so that no new one is forgotten.
         let Self {
             world,
             joints,
+            gravity,
             // These are in `lists`.
             bodies: _,
             soft_bodies: _,
@@ -292,7 +299,6 @@ impl Scene {
             // These are chosen when the scene is loaded.
             namespace: _,
             world_rates: _,
-            gravity: _,
             max_sub_steps: _,
             sub_step: _,
             profile: _,
@@ -304,7 +310,7 @@ impl Scene {
             description: _,
             options: _,
         } = self;
-        (world, joints)
+        (world, joints, gravity)
     }
 
     /// The objects that have a State and a Command, the world first.

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::carriage::{way_between, Carriage};
 use super::joint::{Joint, JointType};
 use super::{Bodies, Body, Scene};
-use crate::adf::{Controller, Limits, IMPULSE_STEP};
+use crate::adf::{Controller, Gains, Limits, IMPULSE_STEP};
 use crate::bullet::{BodyDrive, SoftMotor, SubStep, World};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use crate::control::{
@@ -82,6 +82,11 @@ impl JointTarget {
         let [force, torque] = self.applied.unwrap_or_default();
         let turns = matches!(joint_type, JointType::Revolute | JointType::TorsionSpring);
         [-force, if turns { -torque } else { Vector3::zeros() }]
+    }
+
+    /// Uses other gains from now on.
+    pub fn set_gains(&mut self, gains: Gains) {
+        self.driver.set_gains(gains);
     }
 
     /// Forgets what the controller remembers.
@@ -307,6 +312,11 @@ impl BodyTarget {
             is_listed: false,
             carriage: Carriage::default(),
         }
+    }
+
+    /// Uses other gains, linear and angular, from now on.
+    pub fn set_gains(&mut self, gains: [Gains; 2]) {
+        self.driver.set_gains(gains);
     }
 
     /// Forgets what the controller remembers.

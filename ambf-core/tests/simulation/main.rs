@@ -15,6 +15,7 @@ mod line_contacts;
 mod lost_states;
 mod mesh_holes;
 mod models_at_run_time;
+mod parameters;
 mod physics_churn;
 mod physics_collisions;
 mod physics_common;

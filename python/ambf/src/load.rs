@@ -4,12 +4,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use ambf_core::adf::{Launch, PhysicsProfile, PhysicsSettings};
+use ambf_core::control::Profile;
 use ambf_core::plugin::{PluginSetup, Registry, Search};
 use ambf_core::scene::{load, shared_launch, Loaded, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::{Simulation, Stepper, DEFAULT_SUB_STEP};
 use ambf_core::text::has_entries;
 
 /// Which scene, and how it is simulated.
+#[derive(Clone)]
 pub struct Wanted {
     pub models: Vec<PathBuf>,
     pub launch_file: Option<PathBuf>,
@@ -59,6 +61,7 @@ pub fn load_world(wanted: &Wanted) -> Result<Made, Vec<String>> {
     let files = files(wanted, launch.as_deref())?;
     let options = SceneOptions {
         physics,
+        default_profile: Some(Profile::Accurate),
         savable: wanted.saving,
         is_one_of_many: true,
         joint_wrenches: true,

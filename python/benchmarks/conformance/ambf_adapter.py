@@ -32,7 +32,9 @@ class Ambf(Simulator):
             files[0].write_text(adf(scene, folder))
         world = folder / "world.yaml"
         gravity = mapping("xyz", scene.gravity)
-        world.write_text(f"namespace: /ambf/env/\nmax iterations: 1000\ngravity: {gravity}\nphysics: {{sub step: {step:.12g}}}\n")
+        world.write_text(
+            f"namespace: /ambf/env/\nmax iterations: 1000\ngravity: {gravity}\nphysics: {{sub step: {step:.12g}}}\n"
+        )
         self.sim = ambf.Simulation([str(file) for file in files], world=str(world), profile=profile, step=step)
         self.bodies: Dict[str, ambf.Body] = {}
 
@@ -131,7 +133,9 @@ def adf(scene: Scene, folder: Path) -> str:
 
 def adf_body(body: Body, folder: Path) -> str:
     friction = f"{{static: {body.friction**0.5:.12g}, rolling: 0}}"
-    place = f"{{position: {mapping('xyz', body.position)}, orientation: {mapping('rpy', roll_pitch_yaw(body.rotation))}}}"
+    place = (
+        f"{{position: {mapping('xyz', body.position)}, orientation: {mapping('rpy', roll_pitch_yaw(body.rotation))}}}"
+    )
     text = f"BODY {body.name}:\n  name: {body.name}\n  mass: {body.mass}\n  location: {place}\n"
     text += f"  friction: {friction}\n  restitution: 0\n  damping: {{linear: 0, angular: 0}}\n"
     text += "  inertial offset: {position: {x: 0, y: 0, z: 0}, orientation: {r: 0, p: 0, y: 0}}\n"

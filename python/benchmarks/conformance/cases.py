@@ -57,7 +57,9 @@ class Case:
 CASES: List[Case] = []
 
 
-def case(name: str, *steps: float) -> Callable[[Callable[[Make, float], List[Row]]], Callable[[Make, float], List[Row]]]:
+def case(
+    name: str, *steps: float
+) -> Callable[[Callable[[Make, float], List[Row]]], Callable[[Make, float], List[Row]]]:
     """Adds a function to the cases; its docstring is what the page says."""
 
     def add(run: Callable[[Make, float], List[Row]]) -> Callable[[Make, float], List[Row]]:
@@ -112,7 +114,10 @@ def rest_on_mesh(make: Make, step: float) -> List[Row]:
             simulator.run(1)
             speed = max(speed, float(np.abs(simulator.velocity("part")[:3]).max()))
         way = np.linalg.norm(simulator.position("part") - start)
-        rows += [Row(f"{what}: greatest speed, mm/s", 1e3 * speed, 0, 1), Row(f"{what}: way, µm", 1e6 * float(way), 0, 20)]
+        rows += [
+            Row(f"{what}: greatest speed, mm/s", 1e3 * speed, 0, 1),
+            Row(f"{what}: way, µm", 1e6 * float(way), 0, 20),
+        ]
     return rows
 
 
@@ -191,7 +196,14 @@ def rolling(make: Make, step: float) -> List[Row]:
         simulator = make(Scene([slope, sphere("ball", radius, 0.1, radius * normal)]), step)
         simulator.run(steps_in(0.5, step))
         speed = float(np.linalg.norm(simulator.velocity("ball")[:3]))
-        rows.append(Row(f"r = {1e3 * radius:.0f} mm, {degrees}°: speed, share of the right one", speed / (5 / 7 * G * math.sin(angle) * 0.5), 1, 0.03))
+        rows.append(
+            Row(
+                f"r = {1e3 * radius:.0f} mm, {degrees}°: speed, share of the right one",
+                speed / (5 / 7 * G * math.sin(angle) * 0.5),
+                1,
+                0.03,
+            )
+        )
     return rows
 
 
@@ -222,7 +234,11 @@ def grip(make: Make, step: float) -> List[Row]:
         start, rotation = simulator.position("held"), simulator.rotation("held")
         simulator.run(steps_in(60, step))
         creep = abs(float(simulator.position("held")[2] - start[2])) / 60
-        turn = 2 * float(np.linalg.norm(product(simulator.rotation("held"), (-rotation[0], -rotation[1], -rotation[2], rotation[3]))[:3]))
+        turn = 2 * float(
+            np.linalg.norm(
+                product(simulator.rotation("held"), (-rotation[0], -rotation[1], -rotation[2], rotation[3]))[:3]
+            )
+        )
         rows += [Row(f"{what}: creep, µm/s", 1e6 * creep, 0, 1), Row(f"{what}: turn, mrad", 1e3 * turn, 0, 0.1)]
     return rows
 
@@ -232,7 +248,10 @@ def ring_on_peg(make: Make, step: float) -> List[Row]:
     """A ring of 5 g with a hole of 5.5 mm above a peg of 5 mm, written as twelve hulls and as one closed mesh: it falls to the floor, 38 mm
     below."""
     rows = []
-    for what, shapes in (("hulls", ring(0.0055, 0.009, 0.004, 12)), ("closed mesh", [closed_ring(0.0055, 0.009, 0.004, 32)])):
+    for what, shapes in (
+        ("hulls", ring(0.0055, 0.009, 0.004, 12)),
+        ("closed mesh", [closed_ring(0.0055, 0.009, 0.004, 32)]),
+    ):
         bodies = [
             Body("floor", 0.0, shapes=[Shape("box", (0.2, 0.2, 0.01))], position=(0, 0, -0.045)),
             Body("peg", 0.0, shapes=[Shape("cylinder", (0.005, 0.03))], position=(0, 0, -0.025)),
@@ -264,7 +283,9 @@ def platform(make: Make, step: float) -> List[Row]:
 def hinged(mass: float, moment: float, **more) -> Scene:  # type: ignore[no-untyped-def]
     """A body on a hinge about the vertical through its centre of mass."""
     base = Body("base", 0.0)
-    return Scene([base, Body("rotor", mass, (moment,) * 3)], [Joint("hinge", "revolute", "base", "rotor", (0, 0, 0), **more)])
+    return Scene(
+        [base, Body("rotor", mass, (moment,) * 3)], [Joint("hinge", "revolute", "base", "rotor", (0, 0, 0), **more)]
+    )
 
 
 @case("A joint beyond half a turn")
@@ -284,13 +305,19 @@ def mimic(make: Make, step: float) -> List[Row]:
     """Two fingers of 0.1 kg on slides; the second mimics the first with the factor −1. 5 N on the first move both masses: 0.125 m in
     0.1 s."""
     bodies = [Body("base", 0.0), *(Body(name, 0.1, (1e-4,) * 3) for name in ("first", "second"))]
-    joints = [Joint(f"{name} slide", "prismatic", "base", name, (0, 0, 0), (1, 0, 0), (-1, 1), 50) for name in ("first", "second")]
+    joints = [
+        Joint(f"{name} slide", "prismatic", "base", name, (0, 0, 0), (1, 0, 0), (-1, 1), 50)
+        for name in ("first", "second")
+    ]
     joints[1].mimics = ("first slide", -1)
     simulator = make(Scene(bodies, joints), step)
     simulator.apply_effort("first slide", 5)
     simulator.run(steps_in(0.1, step))
     first, second = simulator.coordinate("first slide"), simulator.coordinate("second slide")
-    return [Row("sum of both, mm", 1e3 * (first + second), 0, 1), Row("way of the first, m", first, 0.125, 0.02 if step > 0.002 else 0.01)]
+    return [
+        Row("sum of both, mm", 1e3 * (first + second), 0, 1),
+        Row("way of the first, m", first, 0.125, 0.02 if step > 0.002 else 0.01),
+    ]
 
 
 @case("Effort against damping")
@@ -430,7 +457,9 @@ def light_arm(make: Make, step: float) -> List[Row]:
     length, load = 0.1, 1.0
     moments = box_inertia(0.005, (length, 0.01, 0.01))
     bodies = [Body("base", 0.0)]
-    bodies += [Body(name, 0.005, moments, position=((i + 0.5) * length, 0, 0)) for i, name in enumerate(("upper", "lower"))]
+    bodies += [
+        Body(name, 0.005, moments, position=((i + 0.5) * length, 0, 0)) for i, name in enumerate(("upper", "lower"))
+    ]
     bodies.append(Body("load", load, (4e-4,) * 3, position=(2 * length, 0, 0)))
     joints = [
         Joint("shoulder", "revolute", "base", "upper", (0, 0, 0), (0, 1, 0)),

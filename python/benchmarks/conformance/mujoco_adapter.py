@@ -54,7 +54,9 @@ class MuJoCo(Simulator):
         back = conjugate(parent.rotation)
         position = rotate(back, np.subtract(body.position, parent.position))
         flag = ' mocap="true"' if body.moved else ""
-        text = f'<body name="{body.name}" pos="{words(position)}" quat="{quaternion(product(back, body.rotation))}"{flag}>'
+        text = (
+            f'<body name="{body.name}" pos="{words(position)}" quat="{quaternion(product(back, body.rotation))}"{flag}>'
+        )
         if body.mass > 0:
             text += f'<inertial pos="0 0 0" mass="{body.mass}" diaginertia="{words(body.inertia)}"/>'
         if joint is None and body.mass > 0:
@@ -70,7 +72,9 @@ class MuJoCo(Simulator):
         back = conjugate(body.rotation)
         at, axis = rotate(back, np.subtract(joint.anchor, body.position)), rotate(back, joint.axis)
         kind = "hinge" if joint.kind == "revolute" else "slide"
-        text = f'<joint name="{joint.name}" type="{kind}" pos="{words(at)}" axis="{words(axis)}" damping="{joint.damping}"'
+        text = (
+            f'<joint name="{joint.name}" type="{kind}" pos="{words(at)}" axis="{words(axis)}" damping="{joint.damping}"'
+        )
         if joint.limits:
             # A range has to have a width.
             low, high = joint.limits

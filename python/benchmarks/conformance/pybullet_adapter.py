@@ -43,9 +43,7 @@ class PyBullet(Simulator):
             for index in range(pybullet.getNumJoints(robot, client)):
                 info = pybullet.getJointInfo(robot, index, client)
                 self.links[info[12].decode()] = self.joints[info[1].decode()] = (robot, index)
-                pybullet.setJointMotorControl2(
-                    robot, index, pybullet.VELOCITY_CONTROL, force=0, physicsClientId=client
-                )
+                pybullet.setJointMotorControl2(robot, index, pybullet.VELOCITY_CONTROL, force=0, physicsClientId=client)
                 pybullet.enableJointForceTorqueSensor(robot, index, True, client)
         for body in scene.bodies:
             robot, index = self.links[body.name]

@@ -23,7 +23,9 @@ def main() -> None:
         for step in case.steps:
             line: dict[str, object] = {"case": case.name, "step": step}
             try:
-                line["rows"] = [[r.what, float(r.got), r.right, r.tolerance, bool(r.passes)] for r in case.run(adapter, step)]
+                line["rows"] = [
+                    [r.what, float(r.got), r.right, r.tolerance, bool(r.passes)] for r in case.run(adapter, step)
+                ]
             except Unsupported as reason:
                 line["unsupported"] = str(reason)
             print(json.dumps(line), file=answers)

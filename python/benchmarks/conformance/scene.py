@@ -190,7 +190,11 @@ def roll_pitch_yaw(rotation: Vector) -> Tuple[float, float, float]:
     """Angles about the fixed axes x, y, z, in this order, as URDF has them."""
     x, y, z, w = rotation
     pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
-    return math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), pitch, math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return (
+        math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        pitch,
+        math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    )
 
 
 def write_obj(path: Path, shapes: Sequence[Shape], by_material: bool = False) -> None:
@@ -223,14 +227,32 @@ def flat_mesh(squares: int, length: float) -> Shape:
 def ring(inner: float, outer: float, height: float, parts: int) -> List[Shape]:
     """Convex segments of a ring; its hole has the radius `inner` at least."""
     corner = inner / math.cos(math.pi / parts)
-    faces = [(0, 1, 2), (0, 2, 3), (4, 7, 6), (4, 6, 5), (0, 4, 5), (0, 5, 1), (1, 5, 6), (1, 6, 2), (2, 6, 7), (2, 7, 3), (3, 7, 4), (3, 4, 0)]
+    faces = [
+        (0, 1, 2),
+        (0, 2, 3),
+        (4, 7, 6),
+        (4, 6, 5),
+        (0, 4, 5),
+        (0, 5, 1),
+        (1, 5, 6),
+        (1, 6, 2),
+        (2, 6, 7),
+        (2, 7, 3),
+        (3, 7, 4),
+        (3, 4, 0),
+    ]
     shapes = []
     for i in range(parts):
         points = []
         for j in (i, i + 1):
             c, s = math.cos(2 * math.pi * j / parts), math.sin(2 * math.pi * j / parts)
             low, high = -height / 2, height / 2
-            points += [(corner * c, corner * s, low), (outer * c, outer * s, low), (outer * c, outer * s, high), (corner * c, corner * s, high)]
+            points += [
+                (corner * c, corner * s, low),
+                (outer * c, outer * s, low),
+                (outer * c, outer * s, high),
+                (corner * c, corner * s, high),
+            ]
         shapes.append(Shape("hull", points=points, faces=faces))
     return shapes
 
@@ -241,7 +263,10 @@ def closed_ring(inner: float, outer: float, height: float, corners: int) -> Shap
     points, faces = [], []
     for i in range(corners):
         c, s = math.cos(2 * math.pi * i / corners), math.sin(2 * math.pi * i / corners)
-        points += [(r * c, r * s, z) for r, z in ((corner, -height / 2), (outer, -height / 2), (outer, height / 2), (corner, height / 2))]
+        points += [
+            (r * c, r * s, z)
+            for r, z in ((corner, -height / 2), (outer, -height / 2), (outer, height / 2), (corner, height / 2))
+        ]
         j = (i + 1) % corners
         for q in range(4):
             a, b, c_, d = 4 * i + q, 4 * i + (q + 1) % 4, 4 * j + (q + 1) % 4, 4 * j + q

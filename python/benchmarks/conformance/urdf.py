@@ -39,7 +39,9 @@ def link(scene: Scene, body: Body, folder: Path, concave: str) -> str:
             write_obj(path, [shape])
             geometry = f'<mesh filename="{path}"/>'
         flag = concave if shape.kind == "mesh" else ""
-        text += f'<collision{flag}><origin xyz="{words(origin)}" rpy="{rpy}"/><geometry>{geometry}</geometry></collision>'
+        text += (
+            f'<collision{flag}><origin xyz="{words(origin)}" rpy="{rpy}"/><geometry>{geometry}</geometry></collision>'
+        )
     return text + "</link>"
 
 

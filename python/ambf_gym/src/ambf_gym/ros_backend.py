@@ -176,10 +176,6 @@ class RosBackend:
         stamps = [handle._state.header.stamp for handle in handles]
         return self._pictures.take(camera, (width, height), rgb, depth, max(stamps, default=None), self._timeout)
 
-    def place(self, poses: Mapping[str, Sequence[float]]) -> None:
-        """Raises InvalidDescription: over ROS nothing can be put anywhere at once."""
-        raise InvalidDescription(f'{", ".join(poses)}: only backend="process" puts bodies where an episode begins')
-
     def show(self) -> None:
         """See `Backend.show`; a simulator that is attached to has the windows that it has."""
         if self._attach is not None:
