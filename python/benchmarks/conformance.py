@@ -1,8 +1,8 @@
 """What simulators make of cases with a known answer: conformance.py PAGE [--only CASE]… [--adapter MODULE:CLASS].
 
 Each simulator runs the cases of `conformance/cases.py` in a process of its own. Writes what is between the markers of PAGE; with --only it
-prints the cases and writes nothing. `scripts/bench conformance` starts it. With --adapter another simulator is tried, beside this one: a module in
-PYTHONPATH with a class that does what `conformance/scene.py` says of `Simulator`.
+prints the cases and writes nothing. `scripts/bench conformance` starts it. With --adapter another simulator is tried, beside this one:
+a module in PYTHONPATH with a class that does what `conformance/scene.py` says of `Simulator`.
 """
 
 from __future__ import annotations

@@ -322,8 +322,8 @@ def mimic(make: Make, step: float) -> List[Row]:
 
 @case("Effort against damping")
 def damping(make: Make, step: float) -> List[Row]:
-    """A joint with damping c = 1e-4 N·m·s and an effort limit of 1e-4 N·m ends at 1 rad/s, whatever effort is asked for; without effort, one
-    with c = 0.05 and I = 0.02 has exp(−c t / I) of its rate left."""
+    """A joint with damping c = 1e-4 N·m·s and an effort limit of 1e-4 N·m ends at 1 rad/s, whatever effort is asked for; without
+    effort, one with c = 0.05 and I = 0.02 has exp(−c t / I) of its rate left."""
     limited = make(hinged(1, 1e-5, damping=1e-4, effort=1e-4, speed=100), step)
     limited.apply_effort("hinge", 1e-3)
     limited.run(steps_in(2, step))
@@ -382,18 +382,18 @@ def closed_loop(make: Make, step: float) -> List[Row]:
     """A parallelogram of cranks of 0.3 m and a coupler of 0.5 m swings under gravity for 1 s: greatest gap of the pin that closes it."""
     angle = 1.2
     crank, moments = np.array([math.cos(angle), 0, math.sin(angle)]) * 0.3, (0.001, 0.02, 0.02)
-    lifted = turned((0, 1, 0), -angle)
+    lifted, across = turned((0, 1, 0), -angle), np.array([0.5, 0, 0])
     bodies = [
         Body("base", 0.0),
         Body("left", 1, moments, position=crank / 2, rotation=lifted),
-        Body("right", 1, moments, position=crank / 2 + (0.5, 0, 0), rotation=lifted),
-        Body("coupler", 1, moments, position=crank + (0.25, 0, 0)),
+        Body("right", 1, moments, position=crank / 2 + across, rotation=lifted),
+        Body("coupler", 1, moments, position=crank + across / 2),
     ]
     joints = [
         Joint("left pin", "revolute", "base", "left", (0, 0, 0), (0, 1, 0)),
         Joint("right pin", "revolute", "base", "right", (0.5, 0, 0), (0, 1, 0)),
         Joint("upper left pin", "revolute", "left", "coupler", crank, (0, 1, 0)),
-        Joint("upper right pin", "revolute", "right", "coupler", crank + (0.5, 0, 0), (0, 1, 0), closes_loop=True),
+        Joint("upper right pin", "revolute", "right", "coupler", crank + across, (0, 1, 0), closes_loop=True),
     ]
     simulator = make(Scene(bodies, joints), step)
     gap = 0.0

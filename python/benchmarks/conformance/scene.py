@@ -1,7 +1,7 @@
 """Scenes of the conformance cases, in words that every simulator has, and what a simulator has to do with them.
 
-SI units. Quaternions are (x, y, z, w). The frame of a body is at its centre of mass, and its axes are the principal ones. All poses, axes and
-anchors are in world coordinates at the start, where the coordinates of all joints are 0.
+SI units. Quaternions are (x, y, z, w). The frame of a body is at its centre of mass, and its axes are the principal ones. All poses,
+axes and anchors are in world coordinates at the start, where the coordinates of all joints are 0.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ UNTURNED = (0.0, 0.0, 0.0, 1.0)
 
 @dataclass
 class Shape:
-    """`box`: size (x, y, z). `sphere`: (radius). `capsule`: (radius, length between the centres of its caps), along z. `hull`: the convex
-    hull of points. `mesh`: triangles as they are, of a body that does not move. `hollow`: a closed mesh of a body that moves, with a hole."""
+    """`box`: size (x, y, z). `sphere`: (radius). `capsule`: (radius, length between the centres of its caps), along z. `hull`: the
+    convex hull of points. `mesh`: triangles as they are, of a body that does not move. `hollow`: a closed mesh of a body
+    that moves, with a hole."""
 
     kind: str
     size: Tuple[float, ...] = ()
@@ -45,8 +46,9 @@ class Body:
 
 @dataclass
 class Joint:
-    """`kind`: revolute, prismatic or fixed. `limits` of the coordinate, rad or m; `effort`: largest one of its motor and of commands, N m or
-    N; `speed`: largest rate; `damping`: N m s/rad or N s/m. `mimics`: (joint, ratio): this coordinate is ratio times that of the joint."""
+    """`kind`: revolute, prismatic or fixed. `limits` of the coordinate, rad or m; `effort`: largest one of its motor and of commands,
+    N m or N; `speed`: largest rate; `damping`: N m s/rad or N s/m. `mimics`: (joint, ratio): this coordinate is ratio times that of the
+    joint."""
 
     name: str
     kind: str
@@ -85,7 +87,8 @@ class Unsupported(Exception):
 
 
 class Simulator:
-    """What a simulator does with a scene: the adapter of a simulator is a class that has all this. Methods that it lacks raise Unsupported."""
+    """What a simulator does with a scene: the adapter of a simulator is a class that has all this. Methods that it
+    lacks raise Unsupported."""
 
     # How it is called in tables.
     name = ""

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _ambf
 from ._ambf import State, version
 from .arrays import FORCE, KINDS, NONE, POSITION, VELOCITY, Arrays
-from .errors import BusyError, ClosedError, NonFiniteError
+from .errors import BusyError, ClosedError, NonFiniteError, NotFoundError
 from .names import find as _find
 from .parameters import PARAMETERS, parameter_array, split_parameters
 from .tree import Tree

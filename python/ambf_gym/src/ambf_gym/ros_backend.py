@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from ambf_client import Actuator, Client, ClientError, ObjectNotFound, RigidBody, Sensor, World
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3, Wrench
