@@ -116,10 +116,12 @@ fn load_simulation(
         prefix: options.namespace.clone(),
         rates: options.publish_frequency.map(|rates| Rates { min: rates.min, max: rates.max }),
         physics,
+        default_profile: None,
         is_one_of_many: false,
         may_grow: devices::are_wanted(&options.devices),
         // Windows show the last minute.
         savable: has_windows,
+        joint_wrenches: false,
     };
     let Loaded { scene, report: mut found } = load_telling(&files, &scene_options);
     found.files.insert(0, problems);

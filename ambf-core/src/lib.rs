@@ -50,6 +50,7 @@ pub mod scene;
 pub mod sim;
 
 pub use ambf_device as device;
+pub use ambf_dynamics::tree;
 pub use ambf_model::{adf, files, mesh, text, urdf};
 pub use ambf_plugin as plugin;
 pub use ambf_plugin::{export_driver, export_plugin};

@@ -1099,6 +1099,8 @@ class AccurateSolver : public Base {
       for (const auto &row : articulation_rows_) row.row->m_appliedImpulse = *impulses++;
     }
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i, velocities += 6) {
+      // Bodies that are moved have a place in the pool, and none in the problem.
+      if (dynamic_body(i) < 0) continue;
       btSolverBody &b = body(i);
       b.internalGetDeltaLinearVelocity().setValue(velocities[0], velocities[1], velocities[2]);
       b.internalGetDeltaAngularVelocity().setValue(velocities[3], velocities[4], velocities[5]);
@@ -1117,6 +1119,7 @@ class AccurateSolver : public Base {
     const btScalar most = max_correction_rate(h, settings_.recent_turn_rate);
     btScalar fastest = 1;
     for (int i = 0; i < bodies; ++i) {
+      if (dynamic_body(i) < 0) continue;
       fastest = std::max(fastest, vector_at(found + 6 * i).length() / MAX_CORRECTION_SPEED);
       fastest = std::max(fastest, vector_at(found + 6 * i + 3).length() / most);
     }
@@ -1142,6 +1145,7 @@ class AccurateSolver : public Base {
     const double *const found = mlcp_table->position_velocities(mlcp_);
     const btScalar turn = info.m_splitImpulseTurnErp > 0 ? factor / info.m_splitImpulseTurnErp : 0;
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
+      if (dynamic_body(i) < 0) continue;
       body(i).internalGetPushVelocity() = vector_at(found + 6 * i) * factor;
       body(i).internalGetTurnVelocity() = vector_at(found + 6 * i + 3) * turn;
       turn_velocity(body(i), vector_at(found + 6 * i + 3) * factor, info.m_timeStep);

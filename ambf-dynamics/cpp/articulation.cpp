@@ -196,10 +196,14 @@ LinkCollider::LinkCollider(AmbBody &owner, btMultiBody *multi_body, int link)
     : btMultiBodyLinkCollider(multi_body, link) {
   setUserPointer(static_cast<AmbObject *>(&owner));
   setCollisionShape(owner.shape->shape.get());
+  copy_surface(owner);
+  setActivationState(DISABLE_DEACTIVATION);
+}
+
+void LinkCollider::copy_surface(const AmbBody &owner) {
   setFriction(owner.body.getFriction());
   setRollingFriction(owner.body.getRollingFriction());
   setRestitution(owner.body.getRestitution());
-  setActivationState(DISABLE_DEACTIVATION);
 }
 
 AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n,
@@ -217,7 +221,10 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
     // A fixed base may be the base of several articulations and has no `articulation`.
     return body == members[0].body ? 0 : body->articulation == this ? body->member : -1;
   };
-  if (!fixed) base.articulation = this;
+  if (!fixed) {
+    base.articulation = this;
+    base.member = 0;
+  }
   for (int i = 0; i < n; ++i) {
     AmbConstraint &joint = *joints[i];
     const bool from_a = member_of(&first_of(joint)) >= 0;
@@ -311,6 +318,33 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
   world.articulated->addMultiBody(multi_body.get());
   world.articulated->addMultiBodyConstraint(joint_rows.get());
   world.articulated->articulations.push_back(this);
+}
+
+void AmbArticulation::body_changed(const AmbBody &body) {
+  const size_t member = body.member;
+  ArticulationDynamics::Body &present = dynamics.bodies[member];
+  ArticulationDynamics::Body changed = body_of(body);
+  changed.force = present.force;
+  changed.torque = present.torque;
+  present = changed;
+  if (member == 0) {
+    multi_body->setBaseMass(changed.mass);
+    multi_body->setBaseInertia(changed.inertia);
+  } else {
+    btMultibodyLink &link = multi_body->getLink(static_cast<int>(member) - 1);
+    link.m_mass = changed.mass;
+    link.m_inertiaLocal = changed.inertia;
+  }
+  if (members[member].collider) members[member].collider->copy_surface(body);
+}
+
+bool AmbArticulation::damping_changed(const AmbConstraint &joint) {
+  for (size_t i = 0; i < springs.size(); ++i) {
+    if (springs[i].constraint != &joint) continue;
+    dynamics.springs[i].damping = joint.motor.damping;
+    return true;
+  }
+  return joint.motor.damping <= 0;
 }
 
 void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is_joint) {
@@ -420,6 +454,7 @@ AmbArticulation::~AmbArticulation() {
     amb_world_add_constraint(&world, constraint, constraint->disables_collision);
 }
 
+// Takes over the pose of a fixed base that was set.
 void AmbArticulation::follow_base() {
   const btTransform &pose = members[0].body->body.getWorldTransform();
   if (!differ(pose, base_pose)) return;
@@ -429,6 +464,19 @@ void AmbArticulation::follow_base() {
   dynamics.update_poses(position);
   dynamics.update_velocities(rate);
   write_proxies();
+}
+
+// Takes over the velocity of a fixed base that is moved. It changes from one sub-step to the next by an impulse, which the
+// joints pass on.
+void AmbArticulation::take_base_velocity() {
+  const btRigidBody &base = members[0].body->body;
+  if (rate.linear == base.getLinearVelocity() && rate.angular == base.getAngularVelocity()) return;
+  rate.linear = base.getLinearVelocity();
+  rate.angular = base.getAngularVelocity();
+  per_link[0] = dynamics.linear;
+  per_link[1] = dynamics.angular;
+  dynamics.project(per_link[0].data(), per_link[1].data(), rate);
+  dynamics.update_velocities(rate);
 }
 
 void AmbArticulation::apply_set_state() {
@@ -464,6 +512,10 @@ void AmbArticulation::apply_set_state() {
     }
   }
   dynamics.update_poses(position);
+  if (dynamics.fixed_base) {
+    rate.linear = members[0].body->body.getLinearVelocity();
+    rate.angular = members[0].body->body.getAngularVelocity();
+  }
   if (velocities_set) {
     per_link[0].clear();
     per_link[1].clear();
@@ -501,6 +553,7 @@ void AmbArticulation::integrate_free_motion(btScalar h) {
     body.torque = proxy.getTotalTorque();
   }
   if (has_feedback) remember_momenta();
+  if (dynamics.fixed_base) take_base_velocity();
   choose_springs(h);
   const bool is_alone = !has_contact && external_constraint_count == 0 && !has_wide_limits && !is_driven();
   if (is_alone) {
@@ -599,9 +652,13 @@ void AmbArticulation::integrate(btScalar h) {
   if (is_corrected) dynamics.advance_position(position, h, correction);
   is_corrected = false;
   if (dynamics.fixed_base) {
+    // It has been moved.
+    const btRigidBody &base = members[0].body->body;
+    base_pose = base.getWorldTransform();
     position.origin = base_pose.getOrigin();
-    rate.linear.setZero();
-    rate.angular.setZero();
+    position.rotation = base_pose.getRotation();
+    rate.linear = base.getLinearVelocity();
+    rate.angular = base.getAngularVelocity();
   }
   dynamics.update_poses(position);
   dynamics.update_velocities(rate);
@@ -666,9 +723,10 @@ AmbArticulation::RowMotion AmbArticulation::move_by_rows(btScalar h) {
 // ones. Forces that bound the accelerations of the free motion do no work here: where links turn by radians they would
 // otherwise add energy.
 btScalar AmbArticulation::unexplained_energy(btScalar h) {
-  const btScalar present = dynamics.kinetic_energy();
+  const auto energy = [this] { return dynamics.fixed_base ? dynamics.internal_energy() : dynamics.kinetic_energy(); };
+  const btScalar present = energy();
   dynamics.update_velocities(mean_rate);
-  const btScalar before = dynamics.kinetic_energy();
+  const btScalar before = energy();
   mean_rate.angular = (mean_rate.angular + rate.angular) / 2;
   mean_rate.linear = (mean_rate.linear + rate.linear) / 2;
   for (int k = 0; k < dynamics.coordinates; ++k) mean_rate.q[k] = (mean_rate.q[k] + rate.q[k]) / 2;

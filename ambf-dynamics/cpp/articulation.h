@@ -22,6 +22,8 @@ class LinkDrive;
 // The collision object of a link.
 struct LinkCollider : btMultiBodyLinkCollider {
   LinkCollider(AmbBody &owner, btMultiBody *multi_body, int link);
+  // Friction and restitution of the body.
+  void copy_surface(const AmbBody &owner);
 };
 
 struct AmbArticulation {
@@ -58,6 +60,10 @@ struct AmbArticulation {
   void prepare_rows(btScalar h);
   void integrate(btScalar h);
   void clear_forces();
+  // Takes over the mass, moments, damping and surface of a link.
+  void body_changed(const AmbBody &body);
+  // Takes over the damping of a joint; whether there is place for it.
+  bool damping_changed(const AmbConstraint &joint);
 
   // Coordinate of a hinge, slider or spring, rad or m, and its rate; 0 for other joints.
   btScalar coordinate(const AmbConstraint &joint, btScalar *speed = nullptr);
@@ -118,6 +124,7 @@ struct AmbArticulation {
   void add_damper(AmbConstraint &joint, size_t link);
   void choose_springs(btScalar h);
   void follow_base();
+  void take_base_velocity();
   void write_proxies();
   void return_to_limits(btScalar h);
   bool had_impulses() const;

@@ -213,12 +213,18 @@ void ArticulationDynamics::add_drive_sums(btScalar time, const Rate &rate) {
 // not. Returns whether there are such limits.
 bool ArticulationDynamics::catch_limits(const Position &from, const Position &to, const Rate &rate) {
   bool caught = false;
-  for (Drive &drive : drives) {
-    if (drive.side == 0 || is_free(drive) || drive.gap < 0) continue;
+  const auto is_passed = [&](Drive &drive) {
+    if (drive.side == 0 || is_free(drive) || drive.gap < 0) return false;
     const int k = drive.coordinate;
-    if (drive.gap + drive.side * (to.q[k] - from.q[k]) >= 0 || drive.side * (rate.q[k] - drive.target) >= 0) continue;
+    const bool is_reached = drive.bounds_rate() || drive.gap + drive.side * (to.q[k] - from.q[k]) < 0;
+    if (!is_reached || drive.side * (rate.q[k] - drive.target) >= 0) return false;
     drive.start_state = Drive::State::Free;
     caught = true;
+    return true;
+  };
+  for (Drive &drive : drives) is_passed(drive);
+  for (Drive &drive : distant_limits) {
+    if (is_passed(drive)) drives.push_back(drive);
   }
   return caught;
 }

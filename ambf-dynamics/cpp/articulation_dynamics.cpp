@@ -20,12 +20,6 @@ btMatrix3x3 cross_matrix(const btVector3 &v, const btMatrix3x3 &m) {
   return btMatrix3x3(x.x(), x.y(), x.z(), y.x(), y.y(), y.z(), z.x(), z.y(), z.z());
 }
 
-// A matrix times [v]: each row of the result is the row x v.
-btMatrix3x3 matrix_cross(const btMatrix3x3 &m, const btVector3 &v) {
-  const btVector3 x = m[0].cross(v), y = m[1].cross(v), z = m[2].cross(v);
-  return btMatrix3x3(x.x(), x.y(), x.z(), y.x(), y.y(), y.z(), z.x(), z.y(), z.z());
-}
-
 void subtract_outer(btMatrix3x3 &m, const btVector3 &a, const btVector3 &b, btScalar factor) {
   for (int row = 0; row < 3; ++row) m[row] -= b * (a[row] * factor);
 }
@@ -38,13 +32,13 @@ btVector3 transpose_times(const btMatrix3x3 &m, const btVector3 &v) { return m[0
 
 // Solves [a b; b^T m] (x; y) = (p; q) for the articulated inertia of a base, by its Cholesky factor. Its pivots are at least
 // those of the inertia of the base itself: what the links add may cancel but for a rounding error that is larger.
-void solve_six(const btMatrix3x3 &a, const btMatrix3x3 &b, const btMatrix3x3 &m, const btVector3 &p, const btVector3 &q,
-               const ArticulationDynamics::Body &base, btVector3 &x, btVector3 &y) {
+void solve_six(const ArticulatedInertia &inertia, const btVector3 &p, const btVector3 &q, const ArticulationDynamics::Body &base,
+               btVector3 &x, btVector3 &y) {
   const btScalar least[2] = {base.inertia[base.inertia.minAxis()], base.mass};
   btScalar l[6][6], v[6];
   for (int i = 0; i < 6; ++i) {
     for (int j = 0; j <= i; ++j) {
-      btScalar sum = i < 3 ? a[i][j] : j < 3 ? b[j][i - 3] : m[i - 3][j - 3];
+      btScalar sum = inertia.element(i, j);
       for (int k = 0; k < j; ++k) sum -= l[i][k] * l[j][k];
       l[i][j] = i == j ? std::sqrt(std::max(sum, least[i / 3])) : sum / l[j][j];
     }
@@ -111,6 +105,8 @@ void ArticulationDynamics::finish() {
   origins.resize(n, btVector3(0, 0, 0));
   linear.resize(n, btVector3(0, 0, 0));
   angular.resize(n, btVector3(0, 0, 0));
+  arms.resize(n, btVector3(0, 0, 0));
+  axes.resize(n, btVector3(0, 0, 0));
   work.resize(n);
   efforts.resize(coordinates);
   generalised_forces.resize(coordinates);
@@ -165,7 +161,9 @@ void ArticulationDynamics::update_poses(const Position &position) {
       rotations[i + 1] = parent * link.rotation;
       if (link.type == JointType::Prismatic) pivot += parent * link.axis * position.q[link.coordinate];
     }
-    origins[i + 1] = pivot + rotations[i + 1] * link.arm;
+    if (link.freedoms() == 1) axes[i + 1] = parent * link.axis;
+    arms[i + 1] = rotations[i + 1] * link.arm;
+    origins[i + 1] = pivot + arms[i + 1];
   }
 }
 
@@ -186,7 +184,7 @@ void ArticulationDynamics::update_velocities(const Rate &rate) {
     }
     const btMatrix3x3 &parent = rotations[link.parent];
     if (link.type == JointType::Prismatic) {
-      const btVector3 axis = parent * link.axis;
+      const btVector3 &axis = axes[i + 1];
       const btScalar speed = rate.q[link.coordinate];
       w.freedoms[0].s_angular.setZero();
       w.freedoms[0].s_linear = axis;
@@ -194,7 +192,7 @@ void ArticulationDynamics::update_velocities(const Rate &rate) {
       linear[i + 1] += axis * speed;
       continue;
     }
-    const btVector3 arm = rotations[i + 1] * link.arm;
+    const btVector3 &arm = arms[i + 1];
     btVector3 sliding(0, 0, 0);
     for (int k = 0; k < link.sliding; ++k) {
       Freedom &freedom = w.freedoms[k];
@@ -205,7 +203,7 @@ void ArticulationDynamics::update_velocities(const Rate &rate) {
     for (int k = link.sliding; k < link.freedoms(); ++k) {
       Freedom &freedom = w.freedoms[k];
       const btScalar speed = rate.q[link.coordinate + k];
-      freedom.s_angular = link.turning == 3 ? parent.getColumn(k - link.sliding) : parent * link.axis;
+      freedom.s_angular = link.turning == 3 ? parent.getColumn(k - link.sliding) : axes[i + 1];
       freedom.s_linear = freedom.s_angular.cross(arm);
       angular[i + 1] += freedom.s_angular * speed;
       linear[i + 1] += freedom.s_linear * speed;
@@ -222,31 +220,20 @@ void ArticulationDynamics::update_velocities(const Rate &rate) {
 void ArticulationDynamics::add_inertias() {
   for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
     Work &w = work[i];
-    w.inertia = scaled_rotation(rotations[i], bodies[i].inertia);
+    w.inertia = Symmetric3::of(rotations[i], bodies[i].inertia);
     w.least_inertia = bodies[i].inertia[bodies[i].inertia.minAxis()];
-    w.a = w.inertia;
-    w.b.setValue(0, 0, 0, 0, 0, 0, 0, 0, 0);
-    const btScalar mass = bodies[i].mass;
-    w.m.setValue(mass, 0, 0, 0, mass, 0, 0, 0, mass);
+    w.articulated.set(w.inertia, bodies[i].mass);
   }
 }
 
 // Computes U = I_A S and 1 / D, D = S^T U, for a link with articulated inertia I_A and a degree of freedom with motion
 // subspace S. I_A is at least the inertia of the link itself; what the links beyond it add may cancel but for a rounding
 // error that is larger.
-void ArticulationDynamics::compute_joint_inertia(Work &w, Freedom &freedom) {
-  freedom.u_angular = w.a * freedom.s_angular + w.b * freedom.s_linear;
-  freedom.u_linear = transpose_times(w.b, freedom.s_angular) + w.m * freedom.s_linear;
+void ArticulationDynamics::compute_joint_inertia(const Work &w, Freedom &freedom) {
+  w.articulated.multiply(freedom.s_angular, freedom.s_linear, freedom.u_angular, freedom.u_linear);
   freedom.d = std::max(freedom.s_angular.dot(freedom.u_angular) + freedom.s_linear.dot(freedom.u_linear),
                        freedom.s_angular.length2() * w.least_inertia);
   freedom.d_inverse = freedom.d > 0 ? 1 / freedom.d : 0;
-}
-
-// Articulated inertia seen through a degree of freedom: I_A - U D^-1 U^T.
-void ArticulationDynamics::remove_joint_motion(Work &w, const Freedom &freedom) {
-  subtract_outer(w.a, freedom.u_angular, freedom.u_angular, freedom.d_inverse);
-  subtract_outer(w.b, freedom.u_angular, freedom.u_linear, freedom.d_inverse);
-  subtract_outer(w.m, freedom.u_linear, freedom.u_linear, freedom.d_inverse);
 }
 
 // Adds the articulated inertia of a link, shifted to the parent's centre of mass, to that of the parent.
@@ -254,11 +241,7 @@ void ArticulationDynamics::add_to_parent(size_t link) {
   // A link with six degrees of freedom adds nothing but rounding errors.
   if (links[link].freedoms() == 6) return;
   const Work &w = work[link + 1];
-  Work &parent = work[links[link].parent];
-  const btMatrix3x3 b = w.b + cross_matrix(w.r, w.m);
-  parent.a += w.a - matrix_cross(w.b, w.r) + cross_matrix(w.r, b.transpose());
-  parent.b += b;
-  parent.m += w.m;
+  work[links[link].parent].articulated.add(w.articulated, w.r);
 }
 
 // Second and third pass of the articulated-body algorithm: from the leaves to the base and back. The bias forces of all
@@ -277,15 +260,17 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
       freedom.given = 0;
       if (is_driven) drive(freedom, link.coordinate + k);
       if (is_last && k == 0) break;
-      remove_joint_motion(w, freedom);
+      w.articulated.remove(freedom.u_angular, freedom.u_linear, freedom.d_inverse);
       const btScalar acceleration = freedom.u * freedom.d_inverse + freedom.given;
       torque += freedom.u_angular * acceleration;
       force += freedom.u_linear * acceleration;
     }
     if (is_last) continue;
     if (with_bias) {
-      torque += w.a * w.c_angular + w.b * w.c_linear;
-      force += transpose_times(w.b, w.c_angular) + w.m * w.c_linear;
+      btVector3 of_torque, of_force;
+      w.articulated.multiply(w.c_angular, w.c_linear, of_torque, of_force);
+      torque += of_torque;
+      force += of_force;
     }
     add_to_parent(i);
     Work &parent = work[link.parent];
@@ -295,7 +280,7 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
   Work &base = work[0];
   base.alpha.setZero();
   base.accel.setZero();
-  if (!fixed_base) solve_six(base.a, base.b, base.m, -base.torque, -base.force, bodies[0], base.alpha, base.accel);
+  if (!fixed_base) solve_six(base.articulated, -base.torque, -base.force, bodies[0], base.alpha, base.accel);
   out.angular = base.alpha;
   out.linear = base.accel;
   for (size_t i = 0; i < links.size(); ++i) {
@@ -325,7 +310,7 @@ void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
 btScalar ArticulationDynamics::Spring::displacement(btScalar q) const {
   // Wrapped half a turn away from the rest position, where the elastic energy is continuous.
   const btScalar x = sign * q + offset - rest;
-  return is_angle ? std::remainder(x, 2 * SIMD_PI) : x;
+  return is_angle ? wrapped(x) : x;
 }
 
 void ArticulationDynamics::accelerate(const Position &position, const Rate &rate, Rate &acceleration) {
@@ -354,14 +339,21 @@ void ArticulationDynamics::project(const btVector3 *linear_wanted, const btVecto
   for (btScalar &q : stage_rate.q) q = 0;
   stage_rate.angular.setZero();
   stage_rate.linear.setZero();
+  if (fixed_base) {
+    stage_rate.angular = rate.angular;
+    stage_rate.linear = rate.linear;
+  }
   update_velocities(stage_rate);
   std::fill(efforts.begin(), efforts.end(), 0);
   add_inertias();
   for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
-    work[i].torque = -(work[i].inertia * angular_wanted[i]);
-    work[i].force = linear_wanted[i] * -bodies[i].mass;
+    work[i].torque = -(work[i].inertia * (angular_wanted[i] - carried_angular()));
+    work[i].force = (linear_wanted[i] - carried_linear(i)) * -bodies[i].mass;
   }
   sweep(rate, false);
+  if (!fixed_base) return;
+  rate.angular = stage_rate.angular;
+  rate.linear = stage_rate.linear;
 }
 
 // One step of a power iteration for the fastest vibration mode about the present motion. slopes[0] must be the present
@@ -410,8 +402,34 @@ btScalar ArticulationDynamics::mass() const {
 }
 
 btScalar ArticulationDynamics::internal_energy() const {
-  const btScalar whole = kinetic_energy();
-  return fixed_base ? whole : std::max(whole - linear_momentum().length2() / (2 * mass()), btScalar(0));
+  if (!fixed_base) return std::max(kinetic_energy() - linear_momentum().length2() / (2 * mass()), btScalar(0));
+  if (!is_carried()) return kinetic_energy();
+  btScalar sum = 0;
+  for (size_t i = 1; i < bodies.size(); ++i) {
+    const btVector3 local = transpose_times(rotations[i], angular[i] - carried_angular());
+    sum += bodies[i].mass * (linear[i] - carried_linear(i)).length2() + local.dot(local * bodies[i].inertia);
+  }
+  return sum / 2;
+}
+
+// Power of the forces on all bodies that a moved base carries, W: it does not change the internal energy.
+btScalar ArticulationDynamics::carrying_power() const {
+  if (!is_carried()) return 0;
+  btScalar power = 0;
+  for (size_t i = 1; i < bodies.size(); ++i)
+    power += bodies[i].force.dot(carried_linear(i)) + bodies[i].torque.dot(carried_angular());
+  return power;
+}
+
+// Kinetic energy of all bodies in a rigid turn with a base that is turned, J. Its change with the joints is the work of
+// the centrifugal forces on the motion relative to the base; those of Coriolis do none.
+btScalar ArticulationDynamics::centrifugal_energy() const {
+  btScalar sum = 0;
+  for (size_t i = 1; i < bodies.size(); ++i) {
+    const btVector3 local = transpose_times(rotations[i], angular[0]);
+    sum += bodies[i].mass * angular[0].cross(origins[i] - origins[0]).length2() + local.dot(local * bodies[i].inertia);
+  }
+  return sum / 2;
 }
 
 btVector3 ArticulationDynamics::total_force() const {
@@ -444,9 +462,16 @@ ArticulationDynamics::Momentum ArticulationDynamics::wrench(const btVector3 &abo
 }
 
 btScalar ArticulationDynamics::drag_power() const {
-  if (fixed_base) return 0;
-  const btVector3 whole = linear_momentum() / mass();
+  if (fixed_base && !is_carried()) return 0;
   btScalar power = 0;
+  if (fixed_base) {
+    for (size_t i = 1; i < bodies.size(); ++i) {
+      power -= bodies[i].mass * bodies[i].linear_drag * linear[i].dot(linear[i] - carried_linear(i)) +
+               bodies[i].angular_drag * angular_momentum(i).dot(angular[i] - carried_angular());
+    }
+    return std::max(power, btScalar(0));
+  }
+  const btVector3 whole = linear_momentum() / mass();
   for (size_t i = 0; i < bodies.size(); ++i) {
     power -= bodies[i].mass * bodies[i].linear_drag * linear[i].dot(linear[i] - whole);
   }
@@ -475,7 +500,7 @@ btScalar ArticulationDynamics::elastic_energy(const Position &at) const {
 btScalar ArticulationDynamics::work_at_rate(btScalar h, const Position &at, const Rate &rate) const {
   btScalar power = 0;
   for (size_t i = 0; i < bodies.size(); ++i) {
-    power += bodies[i].force.dot(linear[i]) + bodies[i].torque.dot(angular[i]);
+    power += bodies[i].force.dot(linear[i] - carried_linear(i)) + bodies[i].torque.dot(angular[i] - carried_angular());
   }
   for (int k = 0; k < coordinates; ++k) power += generalised_forces[k] * rate.q[k];
   return h * power + elastic_energy(at);
@@ -658,6 +683,8 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   }
   const btScalar dragged_before = drag_power(), fastest = start_rotation = fastest_rotation(start_rate);
   start_elastic_energy = springs.empty() ? 0 : elastic_energy(from);
+  start_carrying_power = carrying_power();
+  start_centrifugal_energy = is_carried() ? centrifugal_energy() : 0;
   start_origins = origins;
   // The rotation in the step grows by a quarter of a turn at most, and with it the work of torques beyond that which other
   // forces take: velocities that diverge say nothing about it.
@@ -702,7 +729,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     // The work of torques uses the mean angular velocity.
     btScalar twist_after = 0;
     for (size_t i = 0; i < bodies.size(); ++i) twist_after += bodies[i].torque.dot(angular[i]);
-    Works by_forces = works_of_forces(from, to);
+    Works by_forces = works_of_forces(h, from, to);
     for (const Drive &drive : drives) by_forces.internal += drive.work;
     const btScalar twisted =
         std::min(h / 2 * (twist_before + twist_after), most_twisted + btFabs(by_forces.internal));
@@ -716,6 +743,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
         (after <= 0 || after <= allowed + slack || after <= allowed + slack + rounding_of_work(from))) {
       if (has_caught || !catch_limits(from, to, new_rate)) break;
       has_caught = true;
+      drive_step = h;
       begin_again(from, slopes[0]);
       continue;
     }
@@ -784,7 +812,7 @@ btScalar ArticulationDynamics::tangential_step(btScalar h, const Position &from,
   advance_position(to, h, new_rate);
   update_poses(to);
   update_velocities(new_rate);
-  return std::max(start_energy + works_of_forces(from, to).internal, btScalar(0));
+  return std::max(start_energy + works_of_forces(h, from, to).internal, btScalar(0));
 }
 
 ArticulationDynamics::Momentum ArticulationDynamics::uniform_step(btScalar h, const Position &from, Position &to,
@@ -812,7 +840,7 @@ ArticulationDynamics::Momentum ArticulationDynamics::uniform_step(btScalar h, co
   return change;
 }
 
-ArticulationDynamics::Works ArticulationDynamics::works_of_forces(const Position &from, const Position &to) const {
+ArticulationDynamics::Works ArticulationDynamics::works_of_forces(btScalar h, const Position &from, const Position &to) const {
   // Forces are constant, so that their work is exact.
   Works works{start_elastic_energy - (springs.empty() ? 0 : elastic_energy(to)), 0};
   btVector3 moved(0, 0, 0);
@@ -827,6 +855,10 @@ ArticulationDynamics::Works ArticulationDynamics::works_of_forces(const Position
     const btScalar way = to.q[k] - from.q[k];
     // The forces that bound accelerations may take energy and add none.
     works.internal += unbounded_forces[k] * way + std::min((generalised_forces[k] - unbounded_forces[k]) * way, btScalar(0));
+  }
+  if (is_carried()) {
+    works.internal += centrifugal_energy() - start_centrifugal_energy;
+    works.internal -= h / 2 * (start_carrying_power + carrying_power());
   }
   return works;
 }
@@ -880,7 +912,7 @@ void ArticulationDynamics::runge_kutta(btScalar h, const Position &from, const R
   };
   const Rate *v = speeds, *a = slopes;
   to.rotation = from.rotation;
-  if (!fixed_base) to.rotation = (from.rotation + way_of(spins[0], spins[1], spins[2], spins[3])).normalized();
+  if (!fixed_base || !rate.angular.isZero()) to.rotation = (from.rotation + way_of(spins[0], spins[1], spins[2], spins[3])).normalized();
   to.origin = from.origin + way_of(v[0].linear, v[1].linear, v[2].linear, v[3].linear);
   new_rate.angular = rate.angular + way_of(a[0].angular, a[1].angular, a[2].angular, a[3].angular);
   new_rate.linear = rate.linear + way_of(a[0].linear, a[1].linear, a[2].linear, a[3].linear);
@@ -927,15 +959,14 @@ void ArticulationDynamics::factor_inertia() {
         row[c] = torque[c];
         row[c + 3] = force[c];
       }
-      if (!is_last || f > 0) remove_joint_motion(w, freedom);
+      if (!is_last || f > 0) w.articulated.remove(freedom.u_angular, freedom.u_linear, freedom.d_inverse);
     }
     if (!is_last) add_to_parent(i);
   }
   if (fixed_base) return;
   const Work &base = work[0];
   for (size_t k = 0; k < 6; ++k) {
-    for (size_t j = 0; j <= k; ++j)
-      factor[k * n + j] = k < 3 ? base.a[k][j] : j < 3 ? base.b[j][k - 3] : base.m[k - 3][j - 3];
+    for (size_t j = 0; j <= k; ++j) factor[k * n + j] = base.articulated.element(static_cast<int>(k), static_cast<int>(j));
   }
   for (size_t k = 6; k-- > 0;) {
     btScalar *const row = &factor[k * n];

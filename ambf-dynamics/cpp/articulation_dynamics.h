@@ -3,8 +3,11 @@
 #define AMB_ARTICULATION_DYNAMICS_H
 
 #include "arena_memory.h"
+#include "articulated_inertia.h"
 
 #include <LinearMath/btTransform.h>
+
+#include <cmath>
 
 // A kinematic tree of hinges, sliders, ball joints, joints that leave all six motions and fixed joints, on a fixed or
 // free base. Featherstone's articulated-body algorithm (Rigid Body Dynamics Algorithms, 2008, chapter 7) with all
@@ -48,6 +51,11 @@ class ArticulationDynamics {
     btVector3 force{0, 0, 0}, torque{0, 0, 0};
   };
 
+  // An angle, rad, wrapped to [-pi, pi]. The library's remainder is exact and slow.
+  static btScalar wrapped(btScalar angle) {
+    return btFabs(angle) <= SIMD_PI ? angle : std::remainder(angle, 2 * SIMD_PI);
+  }
+
   // Generalised force -sign k (x - rest) - d q' on a coordinate q, where x = sign q + offset, wrapped to [-pi, pi] if
   // it is an angle.
   struct Spring {
@@ -76,8 +84,9 @@ class ArticulationDynamics {
     bool is_limit = false;
     // Limit: 1 where it bounds the coordinate from below, -1 from above; 0 where it holds it. Else 0.
     btScalar side = 0;
-    // Limit: distance at the beginning of the step, rad or m, negative if it is violated.
+    // Limit: distance at the beginning of the step, rad or m, negative if it is violated; of a bound of the rate it is infinite.
     btScalar gap = 0;
+    bool bounds_rate() const { return gap >= BT_LARGE_FLOAT; }
     bool is_angle = false;
     enum class State { Free, Low, High } state = State::Free;
     // At the beginning of the step.
@@ -129,7 +138,7 @@ class ArticulationDynamics {
   // date.
   btScalar response(int coordinate);
   // Projects velocities of the bodies onto the joints: finds the rates with the least kinetic energy of the difference.
-  // Poses must be up to date.
+  // Poses must be up to date. The velocity of a fixed base, which is that of `rate`, is given.
   void project(const btVector3 *linear, const btVector3 *angular, Rate &rate);
 
   // Integrates over h s by the classical Runge-Kutta method. Poses must be those of `from`, and are undefined
@@ -158,8 +167,8 @@ class ArticulationDynamics {
 
   // Kinetic energy of all bodies, J, from the velocities of the last `update_velocities`.
   btScalar kinetic_energy() const;
-  // Internal energy, J: the kinetic energy without that of the centre of mass if the base is free. It does not depend
-  // on the speed of a fall.
+  // Internal energy, J: the kinetic energy without that of the centre of mass if the base is free, and relative to the
+  // base if that is fixed: it depends neither on the speed of a fall nor on that at which a base is moved.
   btScalar internal_energy() const;
   // Power that drag adds to the internal energy, W, at least 0: joined bodies of different drag that fall accelerate
   // each other.
@@ -214,6 +223,8 @@ class ArticulationDynamics {
   // becomes that given. Changes the rate of the base.
   void set_momentum(const Momentum &momentum, const btVector3 &about, Rate &rate);
 
+  // No force moves the base. It may be moved all the same: the velocity of all rates is then that of its prescribed motion,
+  // at a constant twist over a step.
   const bool fixed_base;
   int coordinates = 0, balls = 0;
   Vector<Body> bodies;
@@ -221,6 +232,9 @@ class ArticulationDynamics {
   Vector<Spring> springs;
   // Of the next step; `step` is the only function that knows them.
   Vector<Drive> drives;
+  // Limits that the step will not reach unless a rate more than doubles: where it does reach one, it is added to the drives and
+  // the step made again.
+  Vector<Drive> distant_limits;
   // Force on each coordinate, N or N m, constant over a step.
   Vector<btScalar> generalised_forces;
   // Those without what `bound_acceleration` adds, during a step.
@@ -250,9 +264,9 @@ class ArticulationDynamics {
   // The degrees of freedom of a joint are treated like sliders and hinges between bodies without mass at the same place,
   // the first of which is the nearest to the base.
   struct Work {
-    btMatrix3x3 inertia;            // of the body alone
+    Symmetric3 inertia;             // of the body alone
     btScalar least_inertia;         // least principal inertia of the body
-    btMatrix3x3 a, b, m;            // articulated: torque and force from angular and linear acceleration, [a b; b^T m]
+    ArticulatedInertia articulated;
     btVector3 torque, force;        // bias
     btVector3 r;                    // from the parent's centre of mass to the body's
     btVector3 c_angular, c_linear;  // velocity-product acceleration
@@ -261,6 +275,14 @@ class ArticulationDynamics {
   };
 
   btVector3 total_force() const;
+  // Whether a fixed base moves, and the velocity that a body would have with it if all joints were rigid; else 0.
+  bool is_carried() const { return fixed_base && !(linear[0].isZero() && angular[0].isZero()); }
+  btVector3 carried_linear(size_t body) const {
+    return is_carried() ? linear[0] + angular[0].cross(origins[body] - origins[0]) : btVector3(0, 0, 0);
+  }
+  btVector3 carried_angular() const { return is_carried() ? angular[0] : btVector3(0, 0, 0); }
+  btScalar carrying_power() const;
+  btScalar centrifugal_energy() const;
   Momentum wrench(const btVector3 &about) const;
   // Corrects the momentum after a step of h s, from that and the wrench about the mass centre before it.
   void restore_momentum(btScalar h, const Momentum &before, const Momentum &wrench_before, Rate &rate);
@@ -286,18 +308,17 @@ class ArticulationDynamics {
   void stop_at(int coordinate, btScalar most, Rate &rate);
   void apply_damping(btScalar h, const Position &at, Rate &rate);
   // Work of forces, generalised forces and springs between the position at the beginning of the step and `to`, whose
-  // poses are the present ones, J: on the motion relative to the centre of mass if the base is free, and on that of the
-  // centre of mass.
+  // poses and velocities are the present ones, J: on the motion relative to the centre of mass if the base is free and to
+  // the base if it is fixed, and on that of the centre of mass.
   struct Works {
     btScalar internal, of_mass_centre;
   };
-  Works works_of_forces(const Position &from, const Position &to) const;
+  Works works_of_forces(btScalar h, const Position &from, const Position &to) const;
   btScalar elastic_energy(const Position &at) const;
   btScalar rounding_of_work(const Position &at) const;
   void update_fastest_mode(const Position &at, const Rate &rate);
   void add_inertias();
-  static void compute_joint_inertia(Work &w, Freedom &freedom);
-  static void remove_joint_motion(Work &w, const Freedom &freedom);
+  static void compute_joint_inertia(const Work &w, Freedom &freedom);
   void add_to_parent(size_t link);
   void sweep(Rate &out, bool with_bias);
 
@@ -322,10 +343,14 @@ class ArticulationDynamics {
   Vector<int> given_by;
   Vector<btScalar> rest_impulse;
   Vector<btVector3> wanted_linear, wanted_angular, start_origins;
+  // Of each body, world axes: from the pivot of its joint to its centre of mass, and the axis of that joint.
+  Vector<btVector3> arms, axes;
   // Shape of the fastest vibration mode, and the square of its angular frequency, 1/s^2.
   Vector<btScalar> mode;
   btScalar stiffness = 0;
   btScalar start_elastic_energy = 0;
+  // See `carrying_power` and `centrifugal_energy`.
+  btScalar start_carrying_power = 0, start_centrifugal_energy = 0;
   // Number of steps until the mode is estimated again.
   int steps_until_probe = 0;
 };

@@ -38,6 +38,7 @@ JointRows::JointRows(AmbArticulation &owner)
   m_data.resize(m_numRows);
   planned.reserve(m_numRows + MAX_ROWS * owner.members.size());
   owner.dynamics.drives.reserve(m_numRows);
+  owner.dynamics.distant_limits.reserve(m_numRows);
   reset();
 }
 
@@ -175,7 +176,6 @@ void JointRows::plan_motor(const AmbConstraint &joint, int coordinate, btScalar 
 
 void JointRows::plan_drive(int coordinate, btScalar target, btScalar softness, btScalar low, btScalar high, int source,
                            bool is_angle) {
-  planned.push_back({coordinate, target, softness, low, high, source, 0, 0, is_angle});
   ArticulationDynamics::Drive drive;
   drive.coordinate = coordinate;
   drive.target = target;
@@ -183,6 +183,12 @@ void JointRows::plan_drive(int coordinate, btScalar target, btScalar softness, b
   drive.low = low;
   drive.high = high;
   drive.is_angle = is_angle;
+  add_drive(drive, source);
+}
+
+void JointRows::add_drive(const ArticulationDynamics::Drive &drive, int source) {
+  planned.push_back(
+      {drive.coordinate, drive.target, drive.softness, drive.low, drive.high, source, 0, 0, drive.is_angle});
   articulation.dynamics.drives.push_back(drive);
 }
 
@@ -195,24 +201,40 @@ void JointRows::plan_limit_drive(int coordinate, btScalar low, btScalar high, bo
     articulation.dynamics.drives.back().is_limit = true;
     return;
   }
+  // Share of the range in which limits may stop a joint that begins to move.
+  constexpr btScalar NEAR_LIMIT = 0.01;
   const btScalar rate = articulation.rate.q[coordinate];
   for (btScalar side : {1, -1}) {
     const btScalar gap = side * (q - (side > 0 ? low : high)), speed = side * rate;
     btScalar target = gap < 0 ? 0 : -gap / h;
     if (bounce > 0 && gap + h * speed < 0) target = std::max(target, -bounce * speed);
-    plan_bound(coordinate, side, side * target, gap, LIMIT, is_angle);
+    const bool is_distant = gap > NEAR_LIMIT * (high - low) && gap + 2 * h * speed > 0;
+    add_bound(bound_of(coordinate, side, side * target, gap, is_angle), is_distant);
+  }
+}
+
+void JointRows::add_bound(const ArticulationDynamics::Drive &bound, bool is_distant) {
+  if (is_distant) {
+    articulation.dynamics.distant_limits.push_back(bound);
+  } else {
+    add_drive(bound, source_of(bound));
   }
 }
 
 // A drive that keeps the rate above (side 1) or below (-1) its target where it has to; see Drive::gap.
-void JointRows::plan_bound(int coordinate, btScalar side, btScalar target, btScalar gap, int source, bool is_angle) {
-  const btScalar infinity = BT_LARGE_FLOAT;
-  plan_drive(coordinate, target, 0, side > 0 ? 0 : -infinity, side > 0 ? infinity : 0, source, is_angle);
-  ArticulationDynamics::Drive &drive = articulation.dynamics.drives.back();
+ArticulationDynamics::Drive JointRows::bound_of(int coordinate, btScalar side, btScalar target, btScalar gap, bool is_angle) {
+  ArticulationDynamics::Drive drive;
+  drive.coordinate = coordinate;
+  drive.target = target;
+  drive.softness = 0;
+  drive.low = side > 0 ? 0 : -BT_LARGE_FLOAT;
+  drive.high = side > 0 ? BT_LARGE_FLOAT : 0;
+  drive.is_angle = is_angle;
   drive.side = side;
   drive.gap = gap;
   drive.is_limit = true;
   drive.state = side > 0 ? ArticulationDynamics::Drive::State::Low : ArticulationDynamics::Drive::State::High;
+  return drive;
 }
 
 void JointRows::plan_drives(btScalar h) {
@@ -220,6 +242,7 @@ void JointRows::plan_drives(btScalar h) {
   remember(h);
   planned.clear();
   dynamics.drives.clear();
+  dynamics.distant_limits.clear();
   std::fill(dynamics.generalised_forces.begin(), dynamics.generalised_forces.end(), 0);
   feeds_limits = false;
   are_drives = true;
@@ -235,8 +258,9 @@ void JointRows::plan_drives(btScalar h) {
     const btScalar friction = joint.motor.friction * h;
     if (friction > 0) plan_drive(link.coordinate, 0, 0, -friction, friction, friction_of(link.coordinate), is_hinge);
     for (const btScalar side : {1, -1}) {
-      if (joint.motor.bounds_rate())
-        plan_bound(link.coordinate, side, -side * joint.motor.max_rate, BT_LARGE_FLOAT, LARGEST_RATE, is_hinge);
+      if (!joint.motor.bounds_rate()) break;
+      const bool is_distant = side * articulation.rate.q[link.coordinate] > -joint.motor.max_rate / 2;
+      add_bound(bound_of(link.coordinate, side, -side * joint.motor.max_rate, BT_LARGE_FLOAT, is_hinge), is_distant);
     }
     plan_limit_drive(link.coordinate, joint.motor.low, joint.motor.high, is_hinge, is_hinge ? HINGE_BOUNCE : 0, h);
   }
@@ -251,6 +275,12 @@ void JointRows::plan_drives(btScalar h) {
 
 void JointRows::take_drives() {
   const Vector<ArticulationDynamics::Drive> &drives = articulation.dynamics.drives;
+  // Limits that were distant.
+  for (size_t i = planned.size(); i < drives.size(); ++i) {
+    const ArticulationDynamics::Drive &limit = drives[i];
+    const int source = source_of(limit);
+    planned.push_back({limit.coordinate, limit.target, 0, limit.low, limit.high, source, 0, 0, limit.is_angle});
+  }
   for (size_t i = 0; i < planned.size(); ++i) {
     const bool is_limit = planned[i].source < 0;
     planned[i].feedforward = is_limit ? 0 : drives[i].mean_impulse;
@@ -261,7 +291,7 @@ void JointRows::take_drives() {
 // Angle that is wrapped to within pi of the centre of its limits, or displacement.
 btScalar JointRows::coordinate_within(int coordinate, btScalar low, btScalar high, bool is_angle) const {
   const btScalar q = articulation.position.q[coordinate], centre = (low + high) / 2;
-  return is_angle ? centre + std::remainder(q - centre, 2 * SIMD_PI) : q;
+  return is_angle ? centre + ArticulationDynamics::wrapped(q - centre) : q;
 }
 
 // Keeps the rates at the beginning of this sub-step, how they changed in the last one, and the forces and impulses of that.
@@ -299,6 +329,7 @@ void JointRows::plan_motors(btScalar h) {
   remember(h);
   are_drives = false;
   articulation.dynamics.drives.clear();
+  articulation.dynamics.distant_limits.clear();
   std::fill(limit_feedforward.begin(), limit_feedforward.end(), 0);
   feeds_limits = false;
   // What presses a joint against its limit is part of the free motion, which would turn the joint beyond it.

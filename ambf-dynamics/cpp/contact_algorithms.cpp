@@ -16,6 +16,7 @@
 #include <new>
 
 #include "approach.h"
+#include "contact_normals.h"
 
 namespace {
 
@@ -39,25 +40,35 @@ btScalar breaking_threshold(const btCollisionObject &object) {
 class ConvexPair final : public btConvexConvexAlgorithm {
  public:
   ConvexPair(const btCollisionAlgorithmConstructionInfo &info, const btCollisionObjectWrapper *first,
-             const btCollisionObjectWrapper *second, btConvexPenetrationDepthSolver *depth_solver, NearContacts *near)
+             const btCollisionObjectWrapper *second, btConvexPenetrationDepthSolver *depth_solver, NearContacts *near,
+             LineContacts *lines)
       : btConvexConvexAlgorithm(info.m_manifold, info, first, second, depth_solver, 0, 0),
         depth_solver_(depth_solver),
-        near_(near) {}
+        near_(near),
+        lines_(lines) {}
 
   void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
                         const btDispatcherInfo &info, btManifoldResult *result) override {
+    normals_.turn(*first, *second);
     btConvexConvexAlgorithm::processCollision(first, second, info, result);
     near_->add(*first, *second, *result, info.m_timeStep);
-    if (!is_deep(*result)) return;
+    if (!lines_->replace(*first, *second, *result) && is_deep(*result)) find_resting_points(first, second, info, result);
+    normals_.keep(*first, *second, *result);
+  }
+
+ private:
+  void find_resting_points(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
+                           const btDispatcherInfo &info, btManifoldResult *result) {
     btCollisionAlgorithmConstructionInfo made(m_dispatcher, 1);
     btConvexConvexAlgorithm perturbed(result->getPersistentManifold(), made, first, second, depth_solver_,
                                       PERTURBATIONS, ENOUGH_POINTS);
     perturbed.processCollision(first, second, info, result);
   }
 
- private:
   btConvexPenetrationDepthSolver *const depth_solver_;
   NearContacts *const near_;
+  LineContacts *const lines_;
+  ContactNormals normals_;
 };
 
 class BoxPair final : public btBoxBoxCollisionAlgorithm {
@@ -68,12 +79,15 @@ class BoxPair final : public btBoxBoxCollisionAlgorithm {
 
   void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
                         const btDispatcherInfo &info, btManifoldResult *result) override {
+    normals_.turn(*first, *second);
     btBoxBoxCollisionAlgorithm::processCollision(first, second, info, result);
     near_->add(*first, *second, *result, info.m_timeStep);
+    normals_.keep(*first, *second, *result);
   }
 
  private:
   NearContacts *const near_;
+  ContactNormals normals_;
 };
 
 // A compound and another shape, part by part. Bullet looks at the parts whose bounding boxes overlap, so that they have no
@@ -270,10 +284,10 @@ class ConvexOnPlane final : public btConvexPlaneCollisionAlgorithm {
   bool has_contacts_ = false;
 };
 
-// In the dispatcher's pool, which has room for Bullet's own algorithms.
+// In the dispatcher's pool.
 template <class Algorithm, class... Arguments>
 btCollisionAlgorithm *create(const btCollisionAlgorithmConstructionInfo &info, Arguments... arguments) {
-  static_assert(sizeof(Algorithm) <= sizeof(btCompoundCompoundCollisionAlgorithm));
+  static_assert(sizeof(Algorithm) <= MAX_ALGORITHM_SIZE);
   return new (info.m_dispatcher1->allocateCollisionAlgorithm(sizeof(Algorithm))) Algorithm(info, arguments...);
 }
 
@@ -282,7 +296,7 @@ btCollisionAlgorithm *create(const btCollisionAlgorithmConstructionInfo &info, A
 btCollisionAlgorithm *ContactAlgorithms::Pairs::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
                                                                          const btCollisionObjectWrapper *first,
                                                                          const btCollisionObjectWrapper *second) {
-  return create<ConvexPair>(info, first, second, m_pdSolver, near);
+  return create<ConvexPair>(info, first, second, m_pdSolver, near, lines);
 }
 
 btCollisionAlgorithm *ContactAlgorithms::Boxes::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,

@@ -342,11 +342,12 @@ void amb_constraint_clear_soft_motor(AmbConstraint *constraint) {
   motor.velocity = motor.max_force = motor.softness = 0;
 }
 
-void amb_constraint_set_resistance(AmbConstraint *constraint, double damping, double friction, double max_rate) {
-  if (constraint->kind != Kind::Hinge && constraint->kind != Kind::Slider) return;
+int amb_constraint_set_resistance(AmbConstraint *constraint, double damping, double friction, double max_rate) {
+  if (constraint->kind != Kind::Hinge && constraint->kind != Kind::Slider) return 1;
   constraint->motor.damping = damping;
   constraint->motor.friction = friction;
   constraint->motor.max_rate = btMin(max_rate, btScalar(BT_LARGE_FLOAT));
+  return !constraint->articulation || constraint->articulation->damping_changed(*constraint);
 }
 
 int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]) {

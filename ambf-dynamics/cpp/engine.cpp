@@ -81,6 +81,10 @@ bool EngineWorld::pose_set(AmbBody &body) {
 
 void EngineWorld::body_leaves(AmbBody &body) { drop_drive(world, body); }
 
+void EngineWorld::body_changed(AmbBody &body) {
+  if (body.articulation) body.articulation->body_changed(body);
+}
+
 void EngineWorld::body_reset(AmbBody &body) {
   amb_body_clear_drive(&body);
   drop_drive(world, body);

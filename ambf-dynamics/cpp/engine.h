@@ -40,6 +40,7 @@ class EngineWorld final : public Extension {
   void velocity_set(AmbBody &body) override;
   bool pose_set(AmbBody &body) override;
   void body_leaves(AmbBody &body) override;
+  void body_changed(AmbBody &body) override;
   void body_reset(AmbBody &body) override;
   bool add_constraint(AmbConstraint &constraint) override;
   bool remove_constraint(AmbConstraint &constraint) override;

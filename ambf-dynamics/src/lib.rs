@@ -5,6 +5,8 @@
 //! They are C++ in `cpp/`, behind the C interface of [`ffi`], and act in Bullet's step through the interface that
 //! bullet-sys offers engines in `shim/extension.h`.
 //!
+//! [`tree`] is not part of it: functions of a state that users ask for, in every profile.
+//!
 //! Not in: bodies, shapes, constraints, queries and memory, which are bullet-sys'; safe owners, which are in
 //! `ambf_core::bullet`; when which part of the engine is used, which is the scene's to say. What it relies on within
 //! Bullet is listed in bullet-sys' `UPGRADE.md`.
@@ -15,3 +17,4 @@
 pub mod assembly;
 pub mod ffi;
 pub mod mlcp;
+pub mod tree;

@@ -1,4 +1,32 @@
+#include <BulletCollision/CollisionDispatch/btManifoldResult.h>
+
 #include "internal.h"
+
+namespace {
+
+// Points of contacts keep the coefficients with which they were made.
+void refresh_contacts(AmbBody &body) {
+  btDispatcher &dispatcher = body.world->dispatcher;
+  for (int i = 0; i < dispatcher.getNumManifolds(); ++i) {
+    btPersistentManifold &manifold = *dispatcher.getManifoldByIndexInternal(i);
+    const btCollisionObject *a = manifold.getBody0(), *b = manifold.getBody1();
+    if (a != body.collider && b != body.collider) continue;
+    for (int p = 0; p < manifold.getNumContacts(); ++p) {
+      btManifoldPoint &point = manifold.getContactPoint(p);
+      point.m_combinedFriction = btManifoldResult::calculateCombinedFriction(a, b);
+      point.m_combinedRollingFriction = btManifoldResult::calculateCombinedRollingFriction(a, b);
+      point.m_combinedSpinningFriction = btManifoldResult::calculateCombinedSpinningFriction(a, b);
+      point.m_combinedRestitution = btManifoldResult::calculateCombinedRestitution(a, b);
+    }
+  }
+}
+
+// Tells whoever has copies of what was set.
+void note_change(AmbBody &body) {
+  if (body.world && body.world->extension) body.world->extension->body_changed(body);
+}
+
+}  // namespace
 
 extern "C" {
 
@@ -17,11 +45,23 @@ void amb_body_set_surface(AmbBody *body, double friction, double rolling_frictio
   body->body.setFriction(friction);
   body->body.setRollingFriction(rolling_friction);
   body->body.setRestitution(restitution);
+  note_change(*body);
+  if (body->world) refresh_contacts(*body);
 }
 
 void amb_body_set_damping(AmbBody *body, double linear, double angular) {
   body->body.setDamping(linear, angular);
   if (body->world) set_sleeping_thresholds(*body->world, *body);
+  note_change(*body);
+}
+
+void amb_body_set_mass(AmbBody *body, double mass, const double inertia[3]) {
+  btRigidBody &rigid = body->body;
+  if (rigid.getInvMass() <= 0 || !(mass > 0)) return;
+  rigid.setMassProps(mass, vector_of(inertia));
+  rigid.updateInertiaTensor();
+  note_change(*body);
+  rigid.activate();
 }
 
 // activate() wakes a sleeping body and has no effect on a body that never sleeps.
@@ -52,6 +92,7 @@ void amb_body_set_velocity(AmbBody *body, const double linear[3], const double a
 
 void amb_body_set_pose(AmbBody *body, const double pose[12]) {
   const btTransform transform = transform_of(pose);
+  amb_body_rest(body);
   if (body->world) {
     set_pose(*body->world, *body, transform);
   } else {
@@ -60,9 +101,34 @@ void amb_body_set_pose(AmbBody *body, const double pose[12]) {
   }
 }
 
+void amb_body_move(AmbBody *body, const double pose[12], const double velocity[6]) {
+  btRigidBody &rigid = body->body;
+  if (!rigid.isStaticObject() || !body->world) return;
+  // Bullet takes the velocity of static objects for 0 in contacts, unless they are kinematic, too. A body without mass may
+  // have moments of inertia, by which impulses would turn it.
+  rigid.setCollisionFlags(rigid.getCollisionFlags() | btCollisionObject::CF_KINEMATIC_OBJECT);
+  rigid.setMassProps(0, btVector3(0, 0, 0));
+  rigid.updateInertiaTensor();
+  rigid.setLinearVelocity(vector_of(velocity));
+  rigid.setAngularVelocity(vector_of(velocity + 3));
+  body->moved_to = transform_of(pose);
+  body->world->moved.push_back(body);
+  activate_neighbours(*body->world, *body);
+}
+
+void amb_body_rest(AmbBody *body) {
+  btRigidBody &rigid = body->body;
+  if (!rigid.isKinematicObject()) return;
+  const btVector3 zero(0, 0, 0);
+  rigid.setLinearVelocity(zero);
+  rigid.setAngularVelocity(zero);
+  rigid.setCollisionFlags(rigid.getCollisionFlags() & ~btCollisionObject::CF_KINEMATIC_OBJECT);
+}
+
 void amb_body_reset(AmbBody *body, const double pose[12], const double *gravity) {
   btRigidBody &rigid = body->body;
   const btVector3 zero(0, 0, 0);
+  amb_body_rest(body);
   rigid.clearForces();
   rigid.setLinearVelocity(zero);
   rigid.setAngularVelocity(zero);

@@ -13,15 +13,24 @@ void amb_body_free(AmbBody *body);
    which none is common. groups: n numbers, ascending. To be called before the body is added to a world. */
 void amb_body_set_apart(AmbBody *body, unsigned family, const unsigned *groups, int n);
 
+/* Contacts that are there already get the new coefficients, too. */
 void amb_body_set_surface(AmbBody *body, double friction, double rolling_friction, double restitution);
 void amb_body_set_damping(AmbBody *body, double linear, double angular);
+/* Mass above 0, kg, and principal moments of inertia, kg m^2, of a body that is not static; its velocities stay. */
+void amb_body_set_mass(AmbBody *body, double mass, const double inertia[3]);
 /* m/s^2. To be called after the body was added to a world, which sets the world's gravity. */
 void amb_body_set_gravity(AmbBody *body, const double gravity[3]);
 void amb_body_apply_wrench(AmbBody *body, const double force[3], const double torque[3]);
 void amb_body_clear_forces(AmbBody *body);
 void amb_body_set_velocity(AmbBody *body, const double linear[3], const double angular[3]);
-/* Sets world transform, interpolation transform and motion state. */
+/* Sets world transform, interpolation transform and motion state. A static body is at rest afterwards. */
 void amb_body_set_pose(AmbBody *body, const double pose[12]);
+/* Moves a static body to a pose over the next sub-step: until then it has this linear (3, m/s) and angular (3, rad/s)
+   velocity in contacts and joints. It keeps the velocity after the sub-step, until it is moved again, set or brought to
+   rest; without a next call it does not move. No effect on other bodies, and on bodies in no world. */
+void amb_body_move(AmbBody *body, const double pose[12], const double velocity[6]);
+/* Ends the motion of a static body: its velocity is 0. */
+void amb_body_rest(AmbBody *body);
 /* At rest at a pose, with the gravity (m/s^2; null: the world's), and with no memory of what acted on the body. The broad
    phase and contacts follow with amb_world_recover. */
 void amb_body_reset(AmbBody *body, const double pose[12], const double *gravity);

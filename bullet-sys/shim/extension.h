@@ -34,6 +34,9 @@ struct TopologyHolder {
   std::shared_ptr<const MeshTopology> topology;
 };
 
+// Room for a collision algorithm of an extension in the dispatcher's pool, bytes.
+constexpr int MAX_ALGORITHM_SIZE = 256;
+
 // The part of an engine in one world. It is created before everything else in the world and destroyed last. The world's
 // arena is entered during both, and during every call below that may allocate.
 class Extension {
@@ -71,6 +74,8 @@ class Extension {
   virtual bool pose_set(AmbBody &body) = 0;
   // A body is about to leave the world.
   virtual void body_leaves(AmbBody &body) = 0;
+  // Mass, moments of inertia, damping or surface of a body of the world were set.
+  virtual void body_changed(AmbBody &body) = 0;
   // A body is reset: nothing is left of what acted on it and of its motion.
   virtual void body_reset(AmbBody &body) = 0;
   // A constraint is added, or about to be removed. Returns whether the engine holds it instead of Bullet's world.

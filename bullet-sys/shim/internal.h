@@ -117,6 +117,8 @@ struct AmbBody : AmbObject, EngineBody {
   int constraint_count = 0;
   // Place in Bullet's list of bodies that are not static; -1: not in it.
   int place = -1;
+  // Pose at the end of the sub-step of a body in `AmbWorld::moved`.
+  btTransform moved_to = btTransform::getIdentity();
 };
 
 struct AmbGhost : AmbObject {
@@ -343,6 +345,8 @@ struct AmbWorld {
   // `world`, if its kind is AmbWorldKind_Articulated and the engine made it; else null.
   ArticulatedWorld *articulated = nullptr;
   MotionClock clock;
+  // Static bodies that are moved in the next sub-step, each once for each part of it.
+  Vector<AmbBody *> moved;
   // The AABB of a static body is updated only when its pose is set.
   bool freezes_static_aabbs = false;
   // Bodies fall asleep below these linear (m/s) and angular (rad/s) speeds.
@@ -369,6 +373,8 @@ void set_sleeping_thresholds(AmbWorld &world, AmbBody &owner);
 void activate_neighbours(AmbWorld &world, const AmbBody &owner);
 // Sets the pose of a body and wakes its neighbours at the old and the new pose.
 void set_pose(AmbWorld &world, AmbBody &owner, const btTransform &pose);
+// Puts the static bodies that are moved in this sub-step where they are to be at its end.
+void place_moved_bodies(AmbWorld &world);
 
 // Soft bodies in a world, see soft_body.cpp.
 void before_soft_sub_step(btDynamicsWorld *dynamics, btScalar dt);

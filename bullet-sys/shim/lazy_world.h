@@ -116,6 +116,9 @@ class LazyWorld : public World {
     constraint->getRigidBodyB().removeConstraintRef(constraint);
   }
 
+  // Bullet computes the velocity of a kinematic object from its last two poses; here it is given (amb_body_move).
+  void saveKinematicState(btScalar) override {}
+
   void synchronizeMotionStates() override {
     ++clock.due;
     clock.lags = this->m_latencyMotionStateInterpolation && this->m_fixedTimeStep != 0;

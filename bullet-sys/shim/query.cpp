@@ -36,6 +36,11 @@ void write_contact(const AmbWorld &world, const btManifoldPoint &point, bool fir
   write_vector(first ? point.m_normalWorldOnB : -point.m_normalWorldOnB, contact.normal);
   contact.distance = point.getDistance();
   contact.impulse = point.getAppliedImpulse() * world.contact_impulse_scale;
+  // Along the directions, on Bullet's first body.
+  const btVector3 friction = point.m_lateralFrictionDir1 * point.m_appliedImpulseLateral1 +
+                             point.m_lateralFrictionDir2 * point.m_appliedImpulseLateral2;
+  write_vector(friction * ((first ? 1 : -1) * world.contact_impulse_scale), contact.friction);
+  contact.friction_coefficient = point.m_combinedFriction;
 }
 
 }  // namespace

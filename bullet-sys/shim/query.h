@@ -34,6 +34,8 @@ typedef struct AmbContact {
   double normal[3]; /* unit, world axes, from the other body to this one */
   double distance;  /* m; negative: penetration depth */
   double impulse;   /* N s along the normal in the last sub-step */
+  double friction[3];         /* impulse of friction on the body in the last sub-step, N s, world axes */
+  double friction_coefficient; /* of the pair */
 } AmbContact;
 
 /* Contact points of a body with other bodies at a distance of at most `threshold` m. Writes up to `capacity` points and

@@ -79,6 +79,17 @@ void set_pose(AmbWorld &world, AmbBody &owner, const btTransform &pose) {
   activate_neighbours(world, owner);
 }
 
+void place_moved_bodies(AmbWorld &world) {
+  for (AmbBody *owner : world.moved) {
+    owner->body.setWorldTransform(owner->moved_to);
+    owner->motion.setWorldTransform(owner->moved_to);
+    if (!world.freezes_static_aabbs) continue;
+    world.world->updateSingleAabb(&owner->body);
+    activate_neighbours(world, *owner);
+  }
+  world.moved.clear();
+}
+
 extern "C" {
 
 void amb_world_freeze_static_aabbs(AmbWorld *world) {

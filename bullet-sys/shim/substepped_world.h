@@ -82,6 +82,7 @@ struct SubsteppedWorld : Base, Stepper {
   void integrateTransforms(btScalar dt) override {
     Extension *extension = static_cast<AmbWorld *>(this->getWorldUserInfo())->extension.get();
     if (extension) extension->before_motion(this->m_nonStaticRigidBodies, dt);
+    place_moved_bodies(*static_cast<AmbWorld *>(this->getWorldUserInfo()));
     Base::integrateTransforms(dt);
     if (extension) extension->after_motion();
   }

@@ -25,6 +25,7 @@ void near_callback(btBroadphasePair &pair, btCollisionDispatcher &dispatcher, co
 btDefaultCollisionConstructionInfo pools_of(int manifolds, bool in_arena) {
   btDefaultCollisionConstructionInfo info;
   info.m_defaultMaxPersistentManifoldPoolSize = in_arena ? 1 : std::max(manifolds, 1);
+  info.m_customCollisionAlgorithmMaxElementSize = MAX_ALGORITHM_SIZE;
   info.m_defaultMaxCollisionAlgorithmPoolSize = in_arena ? 1 : std::max(2 * manifolds, 1);
   return info;
 }

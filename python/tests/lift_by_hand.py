@@ -13,7 +13,7 @@ class Hand:
         self._phase = 0
 
     def __call__(self, observation):
-        """The action: velocity of the palm, m/s, and whether to hold."""
+        """The action: velocity of the palm as a share of its largest one, and whether to hold."""
         palm, block, goal = (
             np.asarray(observation[part], dtype=float) for part in (slice(0, 3), slice(3, 6), slice(-3, None))
         )
@@ -30,4 +30,4 @@ class Hand:
         hold = 1.0 if 1 <= self._phase <= 4 else -1.0
         if arrived and self._phase < 5:
             self._phase += 1
-        return np.append(np.clip(10.0 * np.asarray(away), -_SPEED, _SPEED), hold)
+        return np.append(np.clip(10.0 * np.asarray(away) / _SPEED, -1.0, 1.0), hold)

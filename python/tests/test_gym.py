@@ -89,7 +89,9 @@ class Environments(support.TimedTest):
 
     def test_spaces(self):
         """Bounds are the limits of the joints in the scene's file."""
-        task = Task((JointPositions(BASE, JOINTS[:2]),), (DriveJoints(BASE, JOINTS[:2]),), lambda _: 0.0)
+        task = Task(
+            (JointPositions(BASE, JOINTS[:2]),), (DriveJoints(BASE, JOINTS[:2]),), lambda _: 0.0, scaled_actions=False
+        )
         env = self.make(SimulatorEnv, RosBackend(SCENE), task)
         np.testing.assert_allclose(env.action_space.low, [-2.9, -2.0], rtol=1e-6)
         np.testing.assert_allclose(env.action_space.high, [2.9, 2.0], rtol=1e-6)
@@ -124,7 +126,7 @@ class Environments(support.TimedTest):
         self.assertTrue(info["clipped"])
         other = self.make(make_reach, "ros")
         other.reset(seed=1)
-        same, *_, info = other.step(np.full(7, 0.08))
+        same, *_, info = other.step(np.full(7, 1.0))
         self.assertFalse(info["clipped"])
         np.testing.assert_array_equal(observation, same)
 

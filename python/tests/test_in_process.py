@@ -115,6 +115,33 @@ class Environments(support.TimedTest):
                 self.assertEqual(isinstance(several.unwrapped, InProcessVectorEnv), is_here)
                 np.testing.assert_array_equal(one.reset(seed=3)[0], several.reset(seed=3)[0][0])
 
+    def test_places_are_what_parts_read(self):
+        """Observations, commands and all states, with the places that are found once and without, of both tasks."""
+        for maker in MAKERS:
+            found, expected = self.make(maker, in_process=True), self.make(maker, in_process=True)
+            found.reset(seed=0)
+            expected.reset(seed=0)
+            self.assertIsNotNone(found._gather)
+            self.assertIsNotNone(found._writers)
+            expected._gather = expected._writers = None
+            self.assert_same(roll_out(found, 4), roll_out(expected, 4))
+
+    def test_states_at_the_start(self):
+        """They are where the episode begins, and drives keep them."""
+
+        def start(rng):
+            return {"joint_positions": {"elbow": rng.uniform(0.2, 0.6)}}
+
+        task = Task(**{**vars(reach.TASK), "start": start})
+        env = self.make(SimulatorEnv, InProcessBackend(reach.SCENE), task)
+        elbow = reach.JOINTS.index("elbow")
+        drawn = [env.reset(seed=seed)[0][elbow] for seed in (1, 1, 2)]
+        self.assertTrue(drawn[0] == drawn[1] != drawn[2])
+        observation, *_ = env.step(np.zeros(7))
+        self.assertTrue(all(0.19 < value < 0.61 for value in drawn))
+        # The arm gives way to its weight.
+        self.assertAlmostEqual(observation[elbow], drawn[2], delta=0.1)
+
     def test_lifting_by_hand(self):
         """The policy of the task over ROS ends here too."""
         env = self.make(make_lift, in_process=True)

@@ -30,13 +30,13 @@ class Environment(unittest.TestCase):
     def test_it_is_one_of_gymnasiums(self):
         """Spaces, seeds, types."""
         self.assertIn("PegTransfer", ambf_gym.__doc__)
-        env = make(max_steps=20)
+        env = make(max_episode_steps=20)
         check_env(env.unwrapped, skip_render_check=True)
         env.close()
 
     def test_blocks_start_left_where_the_seed_puts_them(self):
         """At rest on pegs; the same seed, the same run."""
-        env = make(max_steps=20)
+        env = make(max_episode_steps=20)
         seen = []
         for seed in (4, 5, 4):
             run = [env.reset(seed=seed)[0]]
@@ -123,7 +123,7 @@ class Environment(unittest.TestCase):
     def test_three_minutes_are_an_episode(self):
         """By default."""
         env = make()
-        self.assertEqual(env.unwrapped._task.max_steps * 0.05, 180.0)
+        self.assertEqual(env.unwrapped.max_episode_steps * 0.05, 180.0)
         env.close()
 
 

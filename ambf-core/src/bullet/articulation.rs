@@ -98,6 +98,15 @@ impl World {
         true
     }
 
+    /// Makes the articulation of which a constraint is a joint once more, of what its bodies and constraints are now.
+    pub(super) fn articulate_anew(&mut self, joint: ConstraintHandle) {
+        let Some(handle) = self.constraints.get(joint).and_then(|joint| joint.articulation) else { return };
+        let Some(tree) = self.trees.iter().find(|tree| tree.contains(&joint)).cloned() else { return };
+        if self.dissolve_until_restart(handle) {
+            let _ = self.make_articulation(&tree);
+        }
+    }
+
     /// The articulation of which a body is a link.
     pub fn articulation(&self, body: BodyHandle) -> Option<ArticulationHandle> {
         self.bodies.get(body)?.articulation

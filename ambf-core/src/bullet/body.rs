@@ -6,6 +6,17 @@ use slotmap::Key;
 
 use super::{pose_of, raw_pose, ArticulationHandle, BodyHandle, BodyKinematics, Shape, World};
 
+/// What of a body its contacts see.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodySurface {
+    /// Coefficient of friction.
+    pub friction: f64,
+    /// Coefficient of rolling friction.
+    pub rolling_friction: f64,
+    /// Coefficient of restitution.
+    pub restitution: f64,
+}
+
 /// Description of a rigid body. Bodies sleep only after [`World::enable_sleeping`].
 #[derive(Debug)]
 pub struct RigidBody {
@@ -227,13 +238,35 @@ impl World {
         Some(pose_of(&raw))
     }
 
-    /// Sets world transform and motion state of the inertial frame; velocities do not change. The pose of a link is
-    /// projected onto the joints of its articulation in the next step, or when joints are read.
+    /// Sets world transform and motion state of the inertial frame; velocities do not change, but for that of a
+    /// [moved](Self::move_body) body, which is 0 then. The pose of a link is projected onto the joints of its articulation
+    /// in the next step, or when joints are read.
     pub fn set_pose(&mut self, handle: BodyHandle, pose: &Isometry3<f64>) {
         let _arena = self.enter();
         if let Some(body) = self.raw_body(handle) {
             // SAFETY: the body is alive; 12 doubles are read.
             unsafe { sys::amb_body_set_pose(body, raw_pose(pose).as_ptr()) }
+        }
+    }
+
+    /// Moves a body without mass to a pose of its inertial frame over the next sub-step of `length` s, to be called before it
+    /// (in [`step_with`](Self::step_with)): it has the velocity of this motion, at a constant twist, in contacts and joints,
+    /// and keeps it until it is moved again, [at rest](Self::rest_body) or its pose is set. No effect on a body with mass.
+    pub fn move_body(&mut self, handle: BodyHandle, to: &Isometry3<f64>, length: f64) {
+        let _arena = self.enter();
+        let (Some(from), Some(body)) = (self.pose(handle), self.raw_body(handle)) else { return };
+        let linear = (to.translation.vector - from.translation.vector) / length;
+        let angular = (to.rotation * from.rotation.inverse()).scaled_axis() / length;
+        let velocity: [f64; 6] = std::array::from_fn(|i| if i < 3 { linear[i] } else { angular[i - 3] });
+        // SAFETY: the body is alive; 12 and 6 doubles are read.
+        unsafe { sys::amb_body_move(body, raw_pose(to).as_ptr(), velocity.as_ptr()) }
+    }
+
+    /// Ends the motion of a [moved](Self::move_body) body.
+    pub fn rest_body(&mut self, handle: BodyHandle) {
+        if let Some(body) = self.raw_body(handle) {
+            // SAFETY: the body is alive.
+            unsafe { sys::amb_body_rest(body) }
         }
     }
 
@@ -279,6 +312,35 @@ impl World {
             let gravity = gravity.map_or(std::ptr::null(), |gravity| gravity.as_ptr());
             // SAFETY: the body is alive; 12 doubles are read, and three or null.
             unsafe { sys::amb_body_reset(body, raw_pose(pose).as_ptr(), gravity) }
+        }
+    }
+
+    /// Sets the mass, kg, above 0, and the principal moments of inertia, kg·m², of a dynamic body; velocities stay. False for
+    /// static bodies and stale handles.
+    pub fn set_mass(&mut self, handle: BodyHandle, mass: f64, inertia: &Vector3<f64>) -> bool {
+        let _arena = self.enter();
+        let Some(body) = self.raw_body(handle).filter(|_| self.bodies[handle].dynamic && mass > 0.0) else {
+            return false;
+        };
+        // SAFETY: the body is alive; three doubles are read.
+        unsafe { sys::amb_body_set_mass(body, mass, inertia.as_ptr()) }
+        true
+    }
+
+    /// Sets the surface of a body, also for contacts that are there already.
+    pub fn set_surface(&mut self, handle: BodyHandle, surface: &BodySurface) {
+        let BodySurface { friction, rolling_friction, restitution } = *surface;
+        if let Some(body) = self.raw_body(handle) {
+            // SAFETY: the body is alive.
+            unsafe { sys::amb_body_set_surface(body, friction, rolling_friction, restitution) }
+        }
+    }
+
+    /// Sets the shares of the linear and the angular velocity of a body that are lost in 1 s.
+    pub fn set_damping(&mut self, handle: BodyHandle, [linear, angular]: [f64; 2]) {
+        if let Some(body) = self.raw_body(handle) {
+            // SAFETY: the body is alive.
+            unsafe { sys::amb_body_set_damping(body, linear, angular) }
         }
     }
 

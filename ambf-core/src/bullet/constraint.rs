@@ -203,7 +203,7 @@ pub struct JointWrench {
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum Motor {
+pub(super) enum Motor {
     None,
     Hinge,
     Slider,
@@ -427,6 +427,10 @@ impl World {
             }
         }
         true
+    }
+
+    pub(super) fn motor_of(&self, handle: ConstraintHandle) -> Option<Motor> {
+        Some(self.constraints.get(handle)?.motor)
     }
 
     pub(super) fn raw_constraint(&self, handle: ConstraintHandle) -> Option<*mut sys::AmbConstraint> {

@@ -17,6 +17,10 @@ pub struct Contact {
     pub distance: f64,
     /// Normal impulse in the last sub-step, N·s, not negative.
     pub impulse: f64,
+    /// Impulse of friction on this body in the last sub-step, N·s, world axes.
+    pub friction: Vector3<f64>,
+    /// Coefficient of friction of the two bodies.
+    pub friction_coefficient: f64,
 }
 
 impl World {
@@ -78,6 +82,8 @@ impl Contact {
             normal: raw.normal.into(),
             distance: raw.distance,
             impulse: raw.impulse,
+            friction: raw.friction.into(),
+            friction_coefficient: raw.friction_coefficient,
         }
     }
 }

@@ -4,6 +4,7 @@
 use ambf_dynamics::ffi as sys;
 use nalgebra::Vector3;
 
+use super::constraint::Motor;
 use super::{BodyHandle, ConstraintHandle, World};
 
 /// A row of the constraint solver that drives the coordinate q of a hinge (rad) or slider (m): `q̇ = velocity −
@@ -62,13 +63,36 @@ impl World {
         }
     }
 
-    /// Sets what resists the motion of a hinge or slider that is no joint of an [articulation](Self::articulate) yet.
+    /// Sets what resists the motion of a hinge or slider. An [articulation](Self::articulate) that has no place for damping of
+    /// the joint is made anew, which forgets contacts of its bodies.
     pub fn set_resistance(&mut self, handle: ConstraintHandle, resistance: Resistance) {
-        let _arena = self.enter();
         let Some(raw) = self.raw_constraint(handle) else { return };
         let Resistance { damping, friction, max_rate } = resistance;
-        // SAFETY: the constraint is alive.
-        unsafe { sys::amb_constraint_set_resistance(raw, damping, friction, max_rate) }
+        let has_place = {
+            let _arena = self.enter();
+            // SAFETY: the constraint is alive.
+            unsafe { sys::amb_constraint_set_resistance(raw, damping, friction, max_rate) != 0 }
+        };
+        if !has_place {
+            self.articulate_anew(handle);
+        }
+    }
+
+    /// Sets the limits of a hinge (rad) or slider (m) at which it is held; `None`: unlimited. False for other constraints.
+    pub fn set_limits(&mut self, handle: ConstraintHandle, limits: Option<[f64; 2]>) -> bool {
+        let _arena = self.enter();
+        let (Some(raw), Some(motor)) = (self.raw_constraint(handle), self.motor_of(handle)) else { return false };
+        // For both, a lower limit above the upper one stands for none.
+        let [low, high] = limits.unwrap_or([1.0, -1.0]);
+        // SAFETY: the constraint is alive, and of the type that the function casts to.
+        unsafe {
+            match motor {
+                Motor::Hinge => sys::amb_hinge_set_limit(raw, low, high),
+                Motor::Slider => sys::amb_slider_set_limit(raw, low, high),
+                Motor::None => return false,
+            }
+        }
+        true
     }
 
     /// Coordinate of a hinge (rad, within π of the middle of its limits, without them of 0) or slider (m), and its rate,

@@ -31,7 +31,7 @@ mod vehicle;
 mod world;
 
 pub use accurate::AccurateSettings;
-pub use body::{Apart, PlausibleBounds, RigidBody};
+pub use body::{Apart, BodySurface, PlausibleBounds, RigidBody};
 pub use constraint::{Constraint, ConstraintKind, ConstraintParameter, JointWrench, Spring};
 pub use contact::{Contact, ContactLists};
 pub use drive::{BodyDrive, Resistance, SoftMotor};

@@ -125,6 +125,8 @@ pub struct Snapshot {
     pub joint_velocities: Table<JointId, f64>,
     /// (joints x 1) N·m or N; 0 for joints without feedback.
     pub joint_efforts: Table<JointId, f64>,
+    /// (joints x 1) what each joint exerts on its child: see [`Joint::wrench`](crate::scene::Joint::wrench).
+    pub joint_wrenches: Table<JointId, Wrench>,
     /// (cameras x 1) pose in the parent's body frame, or in the world.
     pub cameras: Table<CameraId, Isometry3<f64>>,
     /// (lights x 1) pose in the parent's body frame, or in the world.
@@ -162,6 +164,7 @@ impl Default for Snapshot {
             joint_positions: Table::default(),
             joint_velocities: Table::default(),
             joint_efforts: Table::default(),
+            joint_wrenches: Table::default(),
             cameras: Table::default(),
             lights: Table::default(),
             views: Table::default(),

@@ -94,6 +94,11 @@ impl CartesianController {
         adf::CartesianController { linear: self.linear, angular: self.angular }
     }
 
+    /// Uses other gains, linear and angular, from now on; what it remembers stays.
+    pub fn set_gains(&mut self, [linear, angular]: [adf::Gains; 2]) {
+        (self.linear.gains, self.angular.gains) = (linear, angular);
+    }
+
     /// Forgets everything, as at the start.
     pub fn reset(&mut self) {
         self.previous = CartesianError::default();

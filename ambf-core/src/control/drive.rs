@@ -110,7 +110,7 @@ impl<T: Quantity + Default> RateExtrapolator<T> {
 }
 
 /// How far two quantities agree: 1, if they differ by no more than half of the larger one, 0 if by all of it.
-fn agreement<T: Quantity>(a: T, b: T) -> f64 {
+pub(crate) fn agreement<T: Quantity>(a: T, b: T) -> f64 {
     let share = 2.0 * (1.0 - (a - b).size() / a.size().max(b.size()));
     if share > 0.0 {
         share.min(1.0)
@@ -158,6 +158,11 @@ impl JointDriver {
     /// Whether it pulls like a spring rather than like a motor.
     pub fn is_spring(&self) -> bool {
         self.output == ControllerOutput::Force
+    }
+
+    /// Uses other gains from now on; what it remembers stays.
+    pub fn set_gains(&mut self, gains: Gains) {
+        self.gains = gains;
     }
 
     /// The row for the sub-step of `h` s that follows.
@@ -240,6 +245,11 @@ impl PoseDriver {
     /// Whether it pulls like a spring.
     pub fn is_spring(&self) -> bool {
         self.output == ControllerOutput::Force
+    }
+
+    /// Uses other gains, linear and angular, from now on.
+    pub fn set_gains(&mut self, gains: [Gains; 2]) {
+        self.gains = gains;
     }
 
     /// The action in the sub-step of `h` s that follows. Deviations of position (m, m/s) and of orientation (rotation

@@ -39,6 +39,16 @@ impl JointController {
         self.gains.p * error + self.gains.i * self.integral + self.gains.d * derivative
     }
 
+    /// Gains in use.
+    pub fn gains(&self) -> Gains {
+        self.gains
+    }
+
+    /// Uses other gains from now on; what it remembers stays.
+    pub fn set_gains(&mut self, gains: Gains) {
+        self.gains = gains;
+    }
+
     /// Forgets everything, as at the start.
     pub fn reset(&mut self) {
         *self = Self::new(self.gains);

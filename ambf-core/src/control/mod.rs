@@ -5,6 +5,7 @@ mod drive;
 mod joint;
 
 pub use cartesian::{orientation_of, CartesianController, CartesianError, CartesianOutput};
+pub(crate) use drive::agreement;
 pub use drive::{
     spring, JointDriver, PoseAction, PoseDriver, Quantity, Scheme, SetpointMotion, SoftVelocity, TrackingError,
 };

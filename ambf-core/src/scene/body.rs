@@ -8,8 +8,8 @@ use slotmap::SecondaryMap;
 use super::list::SceneObject;
 use super::targets::BodyTarget;
 use super::{Identity, ObjectType, Objects, Scene};
-use crate::adf::SourcePos;
-use crate::bullet::{BodyHandle, World};
+use crate::adf::{Gains, SourcePos};
+use crate::bullet::{BodyHandle, BodySurface, World};
 use crate::comm::{BodyKinematics, CartesianCommandType, ObjectKind, RigidBodyCommand, Snapshot};
 use crate::control::{orientation_of, CartesianController, CartesianOutput};
 use crate::ids::BodyId;
@@ -31,6 +31,12 @@ pub struct Body {
     pub initial_pose: Isometry3<f64>,
     /// Own or model's gravity, m/s²; `None`: the world's.
     pub gravity: Option<Vector3<f64>>,
+    /// Coefficients of friction and restitution.
+    pub surface: BodySurface,
+    /// Shares of the linear and the angular velocity that are lost in 1 s.
+    pub damping: [f64; 2],
+    /// Colour instead of that of its description: red, green, blue, opacity, 0 to 1.
+    pub color: Option<[f32; 4]>,
     /// Scale of joint pivots.
     pub scale: f64,
     /// Collision groups.
@@ -55,9 +61,20 @@ pub struct Body {
 /// What of a [`Body`] changes while the simulation runs, beside what Bullet knows.
 #[derive(Debug, Clone)]
 pub(super) struct SavedBody {
+    parameters: SavedParameters,
     control: CartesianCommandType,
     controller: CartesianController,
     target: BodyTarget,
+}
+
+/// What of a [`Body`] changes when it is [told to](super::ParameterChange).
+#[derive(Debug, Clone)]
+struct SavedParameters {
+    mass: f64,
+    inertia: Vector3<f64>,
+    gravity: Option<Vector3<f64>>,
+    surface: BodySurface,
+    damping: [f64; 2],
 }
 
 /// Cartesian commands closer than this to the pose of a static body leave it alone: m and rad.
@@ -142,12 +159,16 @@ impl SceneObject for Body {
         // All fields by name, so that no new one is forgotten.
         let Self {
             identity: _,
-            mass: _,
-            inertia: _,
+            mass,
+            inertia,
             inertial_offset: _,
             inertial_offset_inverse: _,
             initial_pose: _,
-            gravity: _,
+            gravity,
+            surface,
+            damping,
+            // It is not of the physics.
+            color: _,
             scale: _,
             collision_groups: _,
             publish_children_names: _,
@@ -160,11 +181,16 @@ impl SceneObject for Body {
             controller,
             target,
         } = self;
-        SavedBody { control: *control, controller: controller.clone(), target: target.clone() }
+        let parameters =
+            SavedParameters { mass: *mass, inertia: *inertia, gravity: *gravity, surface: *surface, damping: *damping };
+        SavedBody { parameters, control: *control, controller: controller.clone(), target: target.clone() }
     }
 
     fn restore(&mut self, saved: &SavedBody) {
-        let SavedBody { control, controller, target } = saved;
+        let SavedBody { parameters, control, controller, target } = saved;
+        let SavedParameters { mass, inertia, gravity, surface, damping } = parameters.clone();
+        (self.mass, self.inertia, self.gravity, self.surface, self.damping) =
+            (mass, inertia, gravity, surface, damping);
         self.control = *control;
         self.controller.clone_from(controller);
         self.target.clone_from(target);
@@ -175,6 +201,12 @@ impl Body {
     /// Pose of the body frame in the world as reported: from the motion state, up to one sub-step old.
     pub fn pose(&self, world: &World) -> Isometry3<f64> {
         world.motion_state(self.handle).unwrap_or(self.initial_pose) * self.inertial_offset_inverse
+    }
+
+    /// Gains of the controller of its pose: linear and angular.
+    pub fn gains(&self) -> [Gains; 2] {
+        let settings = self.controller.settings();
+        [settings.linear.gains, settings.angular.gains]
     }
 
     /// Whether forces move it.

@@ -194,7 +194,9 @@ impl<'a> Builder<'a> {
         }
         let (frame_a, frame_b, axis) = frames(joint, &self.scene.bodies[parent], &self.scene.bodies[child]);
         let id = self.scene.joints.next_id();
-        let handle = constraint(joint, frame_a, frame_b, self.scene.joint_erp).and_then(|constraint| {
+        let measured = joint.enable_feedback || self.scene.options.joint_wrenches;
+        let handle = constraint(joint, frame_a, frame_b, self.scene.joint_erp).and_then(|mut constraint| {
+            constraint.feedback = measured;
             self.assembly.add(id, &constraint, joint.assemble);
             let [a, b] = [parent, child].map(|body| self.scene.bodies[body].handle);
             let handle = self.scene.world.add_constraint(a, b, &constraint)?;
@@ -214,7 +216,7 @@ impl<'a> Builder<'a> {
             self.note(Severity::Warning, &joint.common.source, message);
         }
         self.scene.has_feedback |= joint.enable_feedback && handle.is_some();
-        let live = Joint::new(joint, key, (parent, child), self.model, ([frame_a, frame_b], axis), handle);
+        let live = Joint::new(joint, key, (parent, child), self.model, ([frame_a, frame_b], axis), handle, measured);
         self.scene.joints.push(live);
     }
 

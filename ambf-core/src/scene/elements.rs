@@ -45,7 +45,7 @@ impl Builder<'_> {
         };
         let mut left_out = Vec::new();
         let origin = nalgebra::Isometry3::identity();
-        let margin = shape::Margin { length: ghost.collision_margin, profile: self.scene.profile };
+        let margin = shape::Margin { length: ghost.collision_margin, profile: self.scene.profile, is_moved: false };
         let collision = &ghost.collision;
         let shape = shape::geometry(collision, margin, mesh.as_deref(), self.meshes, &origin, &mut left_out);
         for (severity, message) in left_out {

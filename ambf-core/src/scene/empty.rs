@@ -32,7 +32,7 @@ pub(super) fn empty_scene(
     notes: &mut Vec<Note>,
 ) -> Scene {
     let physics = physics(&world, &options.physics, notes);
-    let profile = physics.profile.unwrap_or_default();
+    let profile = physics.profile.or(options.default_profile).unwrap_or_default();
     let (solver, integrator) = match (physics.preset, profile) {
         (Some(Preset::PyBullet), _) => (Solver::SequentialImpulse, Integrator::Euler),
         (None, Profile::Legacy) => (Solver::WarmFriction, Integrator::Euler),
@@ -98,6 +98,7 @@ pub(super) fn empty_scene(
         joint_erp,
         articulates_all,
         gyroscopic: physics.gyroscopic.unwrap_or_default(),
+        kinematic_bodies: physics.kinematic_bodies.unwrap_or(profile == Profile::Accurate || physics.preset.is_some()),
         ..Scene::empty(bullet, world, options)
     }
 }

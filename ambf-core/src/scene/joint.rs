@@ -8,7 +8,7 @@ use super::targets::JointTarget;
 use super::{Bodies, Body};
 use crate::adf::{self, ControllerOutput, JointKind, Limits, SixDofLimits, SourcePos, IMPULSE_STEP};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, ConstraintParameter, Resistance, Spring, World};
-use crate::comm::JointCommandType;
+use crate::comm::{JointCommandType, Wrench};
 use crate::control::{shortest_angle, JointController, Profile};
 use crate::ids::{BodyId, ModelId};
 
@@ -78,7 +78,7 @@ impl JointType {
         matches!(self, Self::Prismatic | Self::LinearSpring)
     }
 
-    fn has_motor(self) -> bool {
+    pub(super) fn has_motor(self) -> bool {
         matches!(self, Self::Revolute | Self::Prismatic)
     }
 }
@@ -127,12 +127,19 @@ pub struct Joint {
     pub drive_train: adf::DriveTrain,
     /// Reactions are estimated.
     pub feedback: bool,
+    /// Its wrench is measured.
+    pub(crate) is_measured: bool,
     /// rad or m after the latest iteration.
     pub position: f64,
     /// rad/s or m/s: difference of positions over the interval before.
     pub velocity: f64,
     /// N·m or N along the axis, on the parent; 0 without feedback.
     pub effort: f64,
+    /// What the joint exerts on its child in place of the parent, the mean over the latest sub-step: force, and torque about
+    /// the child's end of the joint, world axes. Impulses of limits, motors and springs of the joint count, in the accurate
+    /// profile also commanded efforts; corrections of positions, which are no forces, don't. 0 unless it is measured:
+    /// `enable feedback`, or [`SceneOptions::joint_wrenches`](super::SceneOptions::joint_wrenches).
+    pub wrench: Wrench,
     /// Where it is defined.
     pub source: SourcePos,
     /// Joint axis in the parent's inertial frame, of length 1.
@@ -152,9 +159,12 @@ pub struct Joint {
 /// What of a [`Joint`] changes while the simulation runs, beside what Bullet knows.
 #[derive(Debug, Clone)]
 pub(super) struct SavedJoint {
+    limits: Option<Limits>,
+    drive_train: adf::DriveTrain,
     position: f64,
     velocity: f64,
     effort: f64,
+    wrench: Wrench,
     controller: JointController,
     target: JointTarget,
 }
@@ -170,14 +180,16 @@ impl Joint {
             child: _,
             model: _,
             passive: _,
-            limits: _,
+            limits,
             enable_motor: _,
             max_motor_impulse: _,
-            drive_train: _,
+            drive_train,
             feedback: _,
+            is_measured: _,
             position,
             velocity,
             effort,
+            wrench,
             source: _,
             axis: _,
             frames: _,
@@ -189,17 +201,21 @@ impl Joint {
             target,
         } = self;
         SavedJoint {
+            limits: *limits,
+            drive_train: *drive_train,
             position: *position,
             velocity: *velocity,
             effort: *effort,
+            wrench: *wrench,
             controller: controller.clone(),
             target: target.clone(),
         }
     }
 
     pub(super) fn restore(&mut self, saved: &SavedJoint) {
-        let SavedJoint { position, velocity, effort, controller, target } = saved;
-        (self.position, self.velocity, self.effort) = (*position, *velocity, *effort);
+        let SavedJoint { limits, drive_train, position, velocity, effort, wrench, controller, target } = saved;
+        (self.limits, self.drive_train) = (*limits, *drive_train);
+        (self.position, self.velocity, self.effort, self.wrench) = (*position, *velocity, *effort, *wrench);
         self.controller.clone_from(controller);
         self.target.clone_from(target);
     }
@@ -211,6 +227,7 @@ impl Joint {
         model: ModelId,
         (frames, axis): ([Isometry3<f64>; 2], Vector3<f64>),
         constraint: Option<(ConstraintHandle, usize)>,
+        is_measured: bool,
     ) -> Self {
         Self {
             name: joint.common.name.clone(),
@@ -225,9 +242,11 @@ impl Joint {
             max_motor_impulse: joint.max_motor_impulse,
             drive_train: joint.drive_train,
             feedback: joint.enable_feedback,
+            is_measured,
             position: 0.0,
             velocity: 0.0,
             effort: 0.0,
+            wrench: Wrench::default(),
             source: joint.common.source.clone(),
             axis,
             frames,
@@ -243,6 +262,7 @@ impl Joint {
     /// Forgets what is remembered of the motion; the position is to be observed.
     pub(super) fn reset(&mut self) {
         self.effort = 0.0;
+        self.wrench = Wrench::default();
         self.controller.reset();
         self.target.reset();
     }
@@ -256,6 +276,19 @@ impl Joint {
         }
         self.velocity = if dt < 1e-5 { 0.0 } else { difference / dt };
         self.position = position;
+    }
+
+    /// Takes the [wrench](Self::wrench) from the reaction of the constraint.
+    pub(crate) fn measure(&mut self, world: &World, bodies: &Bodies) {
+        let child = bodies[self.child].handle;
+        let (Some(reaction), Some(pose)) = (self.handle.and_then(|handle| world.joint_wrench(handle)), world.pose(child))
+        else {
+            return;
+        };
+        let [pushed, turned] = self.target.exerted_on_child(self.joint_type);
+        let force = reaction.force_b + pushed;
+        let arm = pose.rotation * self.frames[1].translation.vector;
+        self.wrench = Wrench { force, torque: reaction.torque_b + turned - arm.cross(&force) };
     }
 
     /// Reaction along the axis from the feedback on the parent, rotated into its inertial frame.
@@ -321,6 +354,11 @@ impl Joint {
     /// Switches the motor off.
     pub(crate) fn stop_motor(&self, world: &mut World) {
         self.set_motor(world, false, 0.0);
+    }
+
+    /// Gains of its position controller.
+    pub fn gains(&self) -> adf::Gains {
+        self.controller.gains()
     }
 
     /// The part of an effort, N·m or N, that its drive has.
@@ -422,7 +460,13 @@ fn angle_between(u: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
 pub(super) fn resistance(joint: &adf::Joint) -> Option<Resistance> {
     let adf::DriveTrain { damping, friction, max_effort: _, max_rate } = joint.drive_train;
     let resists = JointType::from(&joint.kind).has_motor() && (damping > 0.0 || friction > 0.0 || max_rate.is_some());
-    resists.then(|| Resistance { damping, friction, max_rate: max_rate.unwrap_or(f64::INFINITY) })
+    resists.then(|| resistance_of(&joint.drive_train))
+}
+
+/// What resists the motion of a joint with a drive.
+pub(super) fn resistance_of(drive_train: &adf::DriveTrain) -> Resistance {
+    let adf::DriveTrain { damping, friction, max_effort: _, max_rate } = *drive_train;
+    Resistance { damping, friction, max_rate: max_rate.unwrap_or(f64::INFINITY) }
 }
 
 /// The Bullet constraint that a joint becomes; `None` for an unknown type.

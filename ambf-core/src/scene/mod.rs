@@ -6,6 +6,7 @@ mod assemble;
 mod attached;
 mod body;
 mod build;
+mod carriage;
 mod commands;
 mod descriptions;
 mod elements;
@@ -19,8 +20,10 @@ mod identity;
 mod joint;
 mod list;
 mod load;
+mod mechanism;
 mod names;
 mod object;
+mod parameters;
 mod physics;
 mod planned;
 mod progress;
@@ -55,8 +58,10 @@ pub use joint::{Joint, JointType};
 pub use list::Objects;
 use list::{ObjectList, SceneObject, Update};
 pub use load::{load, load_with_progress, read_model, Loaded, PreparedModel, SceneFiles, SceneReport};
+pub use mechanism::{Mechanism, MechanismError};
 pub use names::{Found, NameMap};
 pub use object::DeclaredPlugins;
+pub use parameters::{ParameterChange, ParameterError};
 pub use physics::PhysicsOptions;
 pub use progress::Progress;
 pub use robot_description::{LinkFrame, RobotDescription, UNLIMITED, WORLD_LINK};
@@ -95,6 +100,8 @@ pub struct SceneOptions {
     pub rates: Option<Rates>,
     /// Physics wanted; `None`: the world file's, else the default.
     pub physics: PhysicsOptions,
+    /// Profile where neither `physics` nor the world file names one; `None`: legacy. Default: `None`.
+    pub default_profile: Option<Profile>,
     /// Models with joints will be added later: where joints may be put into reduced coordinates, theirs may be too.
     /// Default: `false`.
     pub may_grow: bool,
@@ -103,6 +110,8 @@ pub struct SceneOptions {
     pub is_one_of_many: bool,
     /// States of the simulation can be [saved](crate::sim::Simulation::save). Default: `false`.
     pub savable: bool,
+    /// The [wrenches](Joint::wrench) of all joints are measured, not only of those with `enable feedback`. Default: `false`.
+    pub joint_wrenches: bool,
 }
 
 /// A remark on a scene: what was dropped, replaced or guessed while it was built.
@@ -190,6 +199,8 @@ pub struct Scene {
     articulates_all: bool,
     /// How the gyroscopic torque is integrated.
     pub gyroscopic: Gyroscopic,
+    /// Bodies without mass that commands move have the velocity of their motion.
+    pub kinematic_bodies: bool,
     /// Whether any joint estimates its reactions.
     pub has_feedback: bool,
     /// What the world was made from: also all that is only drawn (skybox, shaders).
@@ -241,6 +252,7 @@ impl Scene {
             joint_erp: None,
             articulates_all: false,
             gyroscopic: Gyroscopic::default(),
+            kinematic_bodies: false,
             has_feedback: false,
             description,
             plugins: Vec::new(),
@@ -256,11 +268,12 @@ impl Scene {
     }
 
     /// What is saved beside the [`lists`](Self::lists) of objects.
-    fn saved_fields(&self) -> (&World, &Table<JointId, Joint>) {
+    fn saved_fields(&self) -> (&World, &Table<JointId, Joint>, &Vector3<f64>) {
         // All fields by name, so that no new one is forgotten.
         let Self {
             world,
             joints,
+            gravity,
             // These are in `lists`.
             bodies: _,
             soft_bodies: _,
@@ -286,7 +299,6 @@ impl Scene {
             // These are chosen when the scene is loaded.
             namespace: _,
             world_rates: _,
-            gravity: _,
             max_sub_steps: _,
             sub_step: _,
             profile: _,
@@ -294,10 +306,11 @@ impl Scene {
             joint_erp: _,
             articulates_all: _,
             gyroscopic: _,
+            kinematic_bodies: _,
             description: _,
             options: _,
         } = self;
-        (world, joints)
+        (world, joints, gravity)
     }
 
     /// The objects that have a State and a Command, the world first.
@@ -501,6 +514,7 @@ impl Scene {
             joint_positions: coordinates(),
             joint_velocities: coordinates(),
             joint_efforts: coordinates(),
+            joint_wrenches: Table::filled(Wrench::default(), self.joints.len()),
             ..Snapshot::default()
         };
         self.lists().into_iter().for_each(|list| list.make_room(self, &mut snapshot));

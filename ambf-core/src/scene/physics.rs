@@ -29,6 +29,9 @@ pub struct PhysicsOptions {
     pub joint_erp: Option<f64>,
     /// How the gyroscopic torque is integrated.
     pub gyroscopic: Option<Gyroscopic>,
+    /// Whether bodies without mass that commands move have the velocity of their motion. Default: `false` in the legacy
+    /// profile without preset, else `true`.
+    pub kinematic_bodies: Option<bool>,
 }
 
 impl PhysicsOptions {
@@ -49,6 +52,7 @@ impl PhysicsOptions {
             sleep: chosen.sleep,
             joint_erp: chosen.joint_erp,
             gyroscopic: named("gyroscopic", &chosen.gyroscopic, &Gyroscopic::NAMES, &mut unknown),
+            kinematic_bodies: chosen.kinematic_bodies,
         }
     }
 
@@ -66,6 +70,7 @@ impl PhysicsOptions {
             sleep: self.sleep.or(others.sleep),
             joint_erp: self.joint_erp.or(others.joint_erp),
             gyroscopic: self.gyroscopic.or(others.gyroscopic),
+            kinematic_bodies: self.kinematic_bodies.or(others.kinematic_bodies),
         }
     }
 }

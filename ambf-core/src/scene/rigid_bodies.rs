@@ -58,16 +58,22 @@ impl Builder<'_> {
         let initial_pose = body.location * built.inertial_offset;
         let gravity = body.gravity.or(model.gravity);
         let index = self.scene.bodies.next_id().index();
+        let surface = bullet::BodySurface {
+            friction: body.surface.static_friction,
+            rolling_friction: body.surface.rolling_friction.unwrap_or(default_rolling_friction(self.scene.profile)),
+            restitution: body.surface.restitution,
+        };
+        let damping = [body.surface.linear_damping, body.surface.angular_damping];
         let rigid = bullet::RigidBody {
             mass: body.mass,
             inertia,
             shape: built.shape,
             pose: initial_pose,
-            friction: body.surface.static_friction,
-            rolling_friction: body.surface.rolling_friction.unwrap_or(default_rolling_friction(self.scene.profile)),
-            restitution: body.surface.restitution,
-            linear_damping: body.surface.linear_damping,
-            angular_damping: body.surface.angular_damping,
+            friction: surface.friction,
+            rolling_friction: surface.rolling_friction,
+            restitution: surface.restitution,
+            linear_damping: damping[0],
+            angular_damping: damping[1],
             gravity,
         };
         if body.mass > 0.0 && body.inertia.is_none() && inertia == nalgebra::Vector3::zeros() {
@@ -96,6 +102,9 @@ impl Builder<'_> {
             inertial_offset_inverse: built.inertial_offset.inverse(),
             initial_pose,
             gravity,
+            surface,
+            damping,
+            color: None,
             scale: body.scale,
             collision_groups: body.collision_groups.clone(),
             publish_children_names: body.publish_children_names,

@@ -1,5 +1,7 @@
 //! Saving and restoring a scene: each module saves the state that it keeps beside Bullet's.
 
+use nalgebra::Vector3;
+
 use super::body::SavedBody;
 use super::joint::SavedJoint;
 use super::list::SavedList;
@@ -14,6 +16,7 @@ pub(crate) struct SavedScene {
     /// One a list of objects, in the order of [`Scene::lists`].
     lists: Vec<SavedList>,
     joints: Vec<SavedJoint>,
+    gravity: Vector3<f64>,
     n_bodies: usize,
 }
 
@@ -40,12 +43,13 @@ impl Scene {
     /// # Errors
     /// Those of [`World::save`](crate::bullet::World::save).
     pub(crate) fn save(&self) -> Result<SavedScene, StateError> {
-        let (world, joints) = self.saved_fields();
+        let (world, joints, gravity) = self.saved_fields();
         Ok(SavedScene {
             changes: self.changes,
             world: world.save()?,
             lists: self.lists().map(|list| list.save()).to_vec(),
             joints: joints.iter().map(|joint| joint.save()).collect(),
+            gravity: *gravity,
             n_bodies: self.bodies.len(),
         })
     }
@@ -61,6 +65,7 @@ impl Scene {
         self.world.restore(&saved.world)?;
         self.lists_mut().into_iter().zip(&saved.lists).for_each(|(list, saved)| list.restore(saved));
         self.joints.iter_mut().zip(&saved.joints).for_each(|(joint, saved)| joint.restore(saved));
+        self.gravity = saved.gravity;
         Ok(())
     }
 }

@@ -3,10 +3,10 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::hulls::{CollisionMeshes, HullCache};
-use crate::adf::{self, CollisionGeometry, CollisionMeshKind, Part, PartGeometry, Primitive, RigidBody, Severity};
+use crate::adf::{self, CollisionGeometry, CollisionMeshKind, ConvexDecomposition, Part, PartGeometry, Primitive, RigidBody, Severity};
 use crate::bullet::{Axis, Shape};
 use crate::control::Profile;
-use crate::mesh::Mesh;
+use crate::mesh::{has_holes, Mesh, SubMesh};
 
 /// Margin of boxes and cylinders in the accurate profile as a share of their least half extent.
 const MOST_MARGIN: f64 = 0.5;
@@ -28,7 +28,7 @@ pub(super) fn build(body: &RigidBody, mesh: Option<&Mesh>, meshes: &CollisionMes
         None => Isometry3::identity(),
     });
     let mut left_out = Vec::new();
-    let margin = Margin { length: body.collision_margin, profile };
+    let margin = Margin { length: body.collision_margin, profile, is_moved: body.mass != 0.0 };
     let shape = geometry(&body.collision, margin, mesh, meshes, &inertial_offset, &mut left_out);
     BuiltShape { shape, inertial_offset, left_out }
 }
@@ -39,7 +39,16 @@ pub(super) struct Margin {
     /// What the file says, m.
     pub length: f64,
     pub profile: Profile,
+    /// It is that of a body with a mass.
+    pub is_moved: bool,
 }
+
+/// Margin of a part of the mesh of a body that moves, as a share of its least extent, in the accurate profile. Bullet adds it
+/// around the part, and so closes holes by twice of it.
+const MOST_MESH_MARGIN: f64 = 0.02;
+
+/// Least extent of a part, as a share of its largest one, below which it is a sheet: its margin is what makes it thick.
+const SHEET: f64 = 0.01;
 
 impl Margin {
     /// Margin of a primitive, m. Bullet makes boxes and cylinders smaller by their margin before it adds it around them:
@@ -52,6 +61,24 @@ impl Margin {
             _ => f64::INFINITY,
         };
         self.length.min(MOST_MARGIN * least)
+    }
+
+    /// Margin of a part of a mesh, m.
+    fn of_part(self, vertices: &[[f64; 3]], kind: CollisionMeshKind) -> f64 {
+        let is_ours = self.profile == Profile::Accurate || matches!(kind, CollisionMeshKind::ConvexParts(_));
+        if !is_ours || !self.is_moved {
+            return self.length;
+        }
+        let extent = |axis: usize| {
+            let along = || vertices.iter().map(|vertex| vertex[axis]);
+            along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
+        };
+        let extents = Vector3::new(extent(0), extent(1), extent(2));
+        if extents.min() > SHEET * extents.max() {
+            self.length.min(MOST_MESH_MARGIN * extents.min())
+        } else {
+            self.length
+        }
     }
 }
 
@@ -79,7 +106,7 @@ pub(super) fn geometry(
             Shape::compound(parts.iter().map(|part| (primitive(&part.primitive, margin), to_origin * part.offset)))
         }
         CollisionGeometry::Mesh { kind, .. } => match mesh {
-            Some(mesh) => compound(mesh_children(mesh, *kind, &meshes.hulls, margin.length, &to_origin, left_out)),
+            Some(mesh) => compound(mesh_children(mesh, *kind, &meshes.hulls, margin, &to_origin, left_out)),
             None => Shape::empty(),
         },
         CollisionGeometry::Parts { parts, kind } => {
@@ -156,7 +183,7 @@ fn part_children(
             Ok(mesh) => {
                 let mesh = mesh.scaled_along((*scale).into());
                 if mesh.sub_meshes.iter().flat_map(|sub| sub.vertices.as_flattened()).all(|x| x.is_finite()) {
-                    return mesh_children(&mesh, kind, &meshes.hulls, margin.length, &pose, left_out);
+                    return mesh_children(&mesh, kind, &meshes.hulls, margin, &pose, left_out);
                 }
                 let message = format!("{}: too large for its numbers when scaled; it is left out", path.display());
                 left_out.push((Severity::Error, message));
@@ -174,33 +201,60 @@ fn mesh_children(
     mesh: &Mesh,
     kind: CollisionMeshKind,
     hulls: &HullCache,
-    margin: f64,
+    margin: Margin,
     pose: &Isometry3<f64>,
     left_out: &mut Vec<(Severity, String)>,
 ) -> Vec<(Shape, Isometry3<f64>)> {
     let mut children = Vec::new();
     let mut empty = Vec::new();
+    let mut divided = 0;
     for (number, sub) in mesh.sub_meshes.iter().enumerate() {
+        let whole = margin.of_part(&sub.vertices, kind);
+        let divide = |children: &mut Vec<(Shape, Isometry3<f64>)>, sub: &SubMesh, parameters: &ConvexDecomposition| {
+            let parts = hulls.hulls_of(sub, parameters);
+            let part = |hull: &Vec<[f64; 3]>| (Shape::convex_part(hull, margin.of_part(hull, kind)), *pose);
+            children.extend(parts.iter().map(part));
+            parts.len()
+        };
         let child = match kind {
-            CollisionMeshKind::ConvexHull => {
-                (sub.vertices.len() >= 3).then(|| Shape::convex_hull(&sub.vertices, margin))
-            }
-            CollisionMeshKind::ConvexMesh => Shape::convex_triangle_mesh(&sub.vertices, &sub.triangles, margin),
-            CollisionMeshKind::ConcaveMesh => Shape::concave_mesh(&sub.vertices, &sub.triangles, margin),
-            CollisionMeshKind::PointCloud => {
-                let spheres = sub
-                    .vertices
-                    .iter()
-                    .map(|&[x, y, z]| (Shape::sphere(margin, margin), pose * Isometry3::translation(x, y, z)));
-                children.extend(spheres);
-                continue;
-            }
             CollisionMeshKind::ConvexDecomposition(parameters) => {
-                let parts = hulls.hulls_of(sub, &parameters);
-                if parts.is_empty() {
+                if divide(&mut children, sub, &parameters) == 0 {
                     empty.push(number);
                 }
-                children.extend(parts.iter().map(|hull| (Shape::convex_part(hull, margin), *pose)));
+                continue;
+            }
+            CollisionMeshKind::ConvexHull | CollisionMeshKind::ConvexParts(_) => {
+                let is_ours = margin.profile == Profile::Accurate || kind != CollisionMeshKind::ConvexHull;
+                let solids = if is_ours { sub.solids() } else { Vec::new() };
+                for solid in &solids {
+                    match kind {
+                        CollisionMeshKind::ConvexParts(parameters) if has_holes(solid) => {
+                            divided += divide(&mut children, &sub.of(solid), &parameters);
+                        }
+                        _ => {
+                            let vertices = sub.of(solid).vertices;
+                            let margin = margin.of_part(&vertices, kind);
+                            children.push((Shape::convex_part(&vertices, margin), *pose));
+                        }
+                    }
+                }
+                match kind {
+                    _ if !solids.is_empty() => continue,
+                    CollisionMeshKind::ConvexParts(parameters) if has_holes(&sub.triangles) => {
+                        divided += divide(&mut children, sub, &parameters);
+                        continue;
+                    }
+                    _ => (),
+                }
+                (sub.vertices.len() >= 3).then(|| Shape::convex_hull(&sub.vertices, whole))
+            }
+            CollisionMeshKind::ConvexMesh => Shape::convex_triangle_mesh(&sub.vertices, &sub.triangles, whole),
+            CollisionMeshKind::ConcaveMesh => Shape::concave_mesh(&sub.vertices, &sub.triangles, whole),
+            CollisionMeshKind::PointCloud => {
+                let radius = margin.length;
+                let sphere =
+                    |&[x, y, z]: &[f64; 3]| (Shape::sphere(radius, radius), pose * Isometry3::translation(x, y, z));
+                children.extend(sub.vertices.iter().map(sphere));
                 continue;
             }
         };
@@ -210,6 +264,10 @@ fn mesh_children(
         }
     }
     left_out.extend(hulls.take_remarks());
+    if divided > 0 {
+        let message = format!("its collision mesh has holes, which one convex hull would close: it collides as {divided} hulls");
+        left_out.push((Severity::Info, message));
+    }
     match empty[..] {
         [] => (),
         [number] => {
@@ -258,7 +316,7 @@ mod tests {
                 Primitive::Capsule { radius: 0.2, height: 1.0, axis },
                 Primitive::Cone { radius: 0.2, height: 1.0, axis },
             ] {
-                let shape = primitive(&p, Margin { length: margin, profile: Profile::Legacy });
+                let shape = primitive(&p, Margin { length: margin, profile: Profile::Legacy, is_moved: true });
                 check_congruent(&shape, &VisualMesh::primitive(&p), margin, &format!("{p:?}"));
                 let offset = Isometry3::translation(parts.len() as f64, -0.5, 2.0);
                 parts.push(PlacedPrimitive { primitive: p, offset });
@@ -267,7 +325,7 @@ mod tests {
         let drawn = VisualMesh::compound(&parts);
         let geometry_of = |parts| {
             let compound = CollisionGeometry::Compound(parts);
-            let margin = Margin { length: margin, profile: Profile::Legacy };
+            let margin = Margin { length: margin, profile: Profile::Legacy, is_moved: true };
             geometry(&compound, margin, None, &CollisionMeshes::new(), &Isometry3::identity(), &mut Vec::new())
         };
         check_congruent(&geometry_of(parts), &drawn, margin, "compound");
@@ -275,7 +333,7 @@ mod tests {
 
     #[test]
     fn thin_primitives_have_thin_margins_in_the_accurate_profile() {
-        let margin = |profile, primitive: &Primitive| Margin { length: 0.001, profile }.of(primitive);
+        let margin = |profile, primitive: &Primitive| Margin { length: 0.001, profile, is_moved: true }.of(primitive);
         let thin = Primitive::Box { size: Vector3::new(0.1, 0.2, 0.0004) };
         let disc = Primitive::Cylinder { radius: 0.01, height: 0.0004, axis: adf::Axis::X };
         let thick = Primitive::Box { size: Vector3::new(0.1, 0.2, 0.004) };

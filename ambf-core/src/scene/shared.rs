@@ -30,11 +30,13 @@ impl ShapeKey {
     /// `None`: no mesh is part of the shape.
     pub fn new(body: &RigidBody, rules: ShapeRules) -> Option<Self> {
         let ShapeRules { profile, is_simplified } = rules;
-        let RigidBody { collision, collision_margin, scale, inertial_offset, .. } = body;
+        let RigidBody { collision, collision_margin, scale, inertial_offset, mass, .. } = body;
         mesh_files(collision).next()?;
         // Numbers are written so that they are told apart by the last bit.
-        let text =
-            format!("{collision:?} {collision_margin:?} {scale:?} {inertial_offset:?} {profile:?} {is_simplified}");
+        let is_moved = *mass != 0.0;
+        let text = format!(
+            "{collision:?} {collision_margin:?} {scale:?} {inertial_offset:?} {profile:?} {is_simplified} {is_moved}"
+        );
         Some(Self(text))
     }
 }

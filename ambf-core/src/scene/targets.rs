@@ -4,9 +4,10 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Isometry3, Vector3};
 
+use super::carriage::{way_between, Carriage};
 use super::joint::{Joint, JointType};
 use super::{Bodies, Body, Scene};
-use crate::adf::{Controller, Limits, IMPULSE_STEP};
+use crate::adf::{Controller, Gains, Limits, IMPULSE_STEP};
 use crate::bullet::{BodyDrive, SoftMotor, SubStep, World};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use crate::control::{
@@ -73,6 +74,19 @@ impl JointTarget {
             applied: None,
             is_listed: false,
         }
+    }
+
+    /// Force, N, and torque about the centre of mass, N·m, of the commanded effort on the child in the latest sub-step, world
+    /// axes.
+    pub fn exerted_on_child(&self, joint_type: JointType) -> [Vector3<f64>; 2] {
+        let [force, torque] = self.applied.unwrap_or_default();
+        let turns = matches!(joint_type, JointType::Revolute | JointType::TorsionSpring);
+        [-force, if turns { -torque } else { Vector3::zeros() }]
+    }
+
+    /// Uses other gains from now on.
+    pub fn set_gains(&mut self, gains: Gains) {
+        self.driver.set_gains(gains);
     }
 
     /// Forgets what the controller remembers.
@@ -164,7 +178,8 @@ impl Joint {
     pub(crate) fn end_update(&mut self, sub_steps: u32) -> bool {
         self.target.effort = 0.0;
         if sub_steps > 0 {
-            self.target.is_listed = self.target.goal.take().is_some();
+            // What was applied is forgotten in the next update.
+            self.target.is_listed = self.target.goal.take().is_some() || self.target.applied.is_some();
         }
         self.target.is_listed
     }
@@ -270,6 +285,8 @@ pub(crate) struct BodyTarget {
     target_motion: [SetpointMotion<Vector3<f64>>; 2],
     has_spring: bool,
     is_listed: bool,
+    /// Of a body without mass.
+    pub(super) carriage: Carriage,
 }
 
 /// Of the inertial frame in the world.
@@ -293,11 +310,18 @@ impl BodyTarget {
             target_motion: Default::default(),
             has_spring: false,
             is_listed: false,
+            carriage: Carriage::default(),
         }
+    }
+
+    /// Uses other gains, linear and angular, from now on.
+    pub fn set_gains(&mut self, gains: [Gains; 2]) {
+        self.driver.set_gains(gains);
     }
 
     /// Forgets what the controller remembers.
     pub fn reset(&mut self) {
+        self.carriage = Carriage::default();
         (self.last_target, self.last_rates) = (None, None);
         self.driver.reset();
     }
@@ -321,7 +345,9 @@ impl Body {
             }
             CartesianCommandType::Velocity => {
                 let (linear, angular) = (command.linear_velocity, command.angular_velocity);
-                world.set_velocity(self.handle, &linear, &angular);
+                if self.is_dynamic() {
+                    world.set_velocity(self.handle, &linear, &angular);
+                }
                 self.target.goal = Some(BodyGoal::Velocity([linear, angular]));
             }
             CartesianCommandType::Force | CartesianCommandType::Unknown(_) => return false,
@@ -332,6 +358,11 @@ impl Body {
     /// Pursues the target in the sub-step that follows.
     pub(crate) fn drive(&mut self, world: &mut World, sub_step: SubStep) {
         match self.target.goal {
+            Some(BodyGoal::Pose(target)) if !self.is_dynamic() => self.carry(world, &target, sub_step),
+            Some(BodyGoal::Velocity([linear, angular])) if !self.is_dynamic() => {
+                self.target.carriage = Carriage::default();
+                self.carry_on(world, &linear, &angular, sub_step.length);
+            }
             Some(BodyGoal::Pose(target)) => self.pursue(world, &target, sub_step),
             Some(BodyGoal::Velocity([linear, angular])) => {
                 if sub_step.is_first() {
@@ -352,9 +383,10 @@ impl Body {
         self.target.is_listed
     }
 
-    /// Takes the springs away from Bullet's body.
+    /// Takes the springs away from Bullet's body, and brings one without mass to rest.
     pub(crate) fn let_go(&mut self, world: &mut World) {
         self.target.reset();
+        world.rest_body(self.handle);
         if std::mem::take(&mut self.target.has_spring) {
             world.set_body_drive(self.handle, None);
         }
@@ -366,10 +398,7 @@ impl Body {
         let (Some(pose), Some((linear, angular))) = (world.pose(self.handle), world.velocity(self.handle)) else {
             return;
         };
-        let between = |from: &Isometry3<f64>| {
-            let turn = (target.rotation * from.rotation.inverse()).scaled_axis();
-            [target.translation.vector - from.translation.vector, turn]
-        };
+        let between = |from: &Isometry3<f64>| way_between(from, target);
         let state = &mut self.target;
         if sub_step.is_first() {
             let rates = state.last_target.replace(*target);

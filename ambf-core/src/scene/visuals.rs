@@ -122,6 +122,8 @@ pub struct VisualBody {
     pub inertia: Vector3<f64>,
     /// Whether it is a ghost object.
     pub is_ghost: bool,
+    /// Colour instead of that of the description: red, green, blue, opacity, 0 to 1.
+    pub color: Option<[f32; 4]>,
     described: Described,
 }
 
@@ -298,6 +300,7 @@ impl Scene {
             mass: body.mass,
             inertia: body.inertia,
             is_ghost: false,
+            color: body.color,
             described: of_bodies.described(self, &body.identity),
         };
         let ghost = |ghost: &super::Ghost| {
@@ -311,6 +314,7 @@ impl Scene {
                 mass: 0.0,
                 inertia: Vector3::zeros(),
                 is_ghost: true,
+                color: None,
                 described,
             }
         };

@@ -189,6 +189,13 @@ impl Simulation {
         Ok(self.physics.scene.models[model].key.clone())
     }
 
+    /// Lets those who draw see that objects look otherwise.
+    pub(super) fn show_changed_looks(&self) {
+        if let Some(link) = &self.link {
+            link.hub.set_visuals(self.physics.scene.visuals(link.hub.generation()));
+        }
+    }
+
     /// Makes place for what the scene has now.
     pub(super) fn grow(&mut self) {
         self.physics.grow();

@@ -122,6 +122,8 @@ impl Physics {
         if self.scene.has_feedback {
             self.estimate_efforts();
         }
+        let Scene { joints, bodies, world, .. } = &mut self.scene;
+        joints.iter_mut().filter(|joint| joint.is_measured).for_each(|joint| joint.measure(world, bodies));
         self.scene.update_elements(self.sub_step, self.time.interval.max(self.sub_step));
     }
 
@@ -171,16 +173,18 @@ impl Physics {
             snapshot.joint_positions[i] = joint.position;
             snapshot.joint_velocities[i] = joint.velocity;
             snapshot.joint_efforts[i] = joint.effort;
+            snapshot.joint_wrenches[i] = joint.wrench;
         }
         scene.fill_elements(snapshot);
     }
 
     /// Applies a whole command to a body; it acts in the next update.
     pub fn command_body(&mut self, body: BodyId, command: &RigidBodyCommand) {
-        let Scene { bodies, world, profile, .. } = &mut self.scene;
+        let Scene { bodies, world, profile, kinematic_bodies, .. } = &mut self.scene;
         let commanded = &mut bodies[body];
         commanded.control = command.cartesian;
-        if *profile == Profile::Legacy || !commanded.is_dynamic() || command.cartesian == CartesianCommandType::Force {
+        let has_target = if commanded.is_dynamic() { *profile == Profile::Accurate } else { *kinematic_bodies };
+        if !has_target || command.cartesian == CartesianCommandType::Force {
             commanded.apply_command(world, command, self.time.dt);
         } else if commanded.set_target(world, command) {
             self.targets.bodies.push(body);

@@ -2,10 +2,13 @@
 
 use std::sync::Arc;
 
-use super::{Control, LostState, Models, SavedState, Simulation, WindowLink};
+use nalgebra::Isometry3;
+
+use super::{AddedModel, Control, LostState, ModelError, Models, SavedState, Simulation, WindowLink};
 use crate::bullet::{SolverStatistics, StateError};
 use crate::comm::{ActuatorCommand, Hub, HubIndex, ObjectList, RigidBodyCommand, Snapshot};
-use crate::scene::{SetStateError, StateChange, VisualScene};
+use crate::ids::{CameraId, LightId};
+use crate::scene::{ParameterChange, ParameterError, PreparedModel, SetStateError, StateChange, VisualScene};
 
 /// A simulation without a clock and without threads of its own: it moves in [`step`](Self::step) and nowhere else.
 ///
@@ -226,6 +229,70 @@ impl Stepper {
         Ok(())
     }
 
+    /// Changes masses, surfaces, limits, gains, gravity, colours: settings, which resets keep.
+    ///
+    /// # Errors
+    /// [`ParameterError`]; nothing has changed then.
+    pub fn set_parameters(&mut self, change: &ParameterChange) -> Result<(), ParameterError> {
+        self.simulation.physics.scene.set_parameters(change)?;
+        if !change.colors.is_empty() {
+            self.simulation.show_changed_looks();
+        }
+        Ok(())
+    }
+
+    /// Whether [`set_parameters`](Self::set_parameters) would change these.
+    ///
+    /// # Errors
+    /// [`ParameterError`].
+    pub fn check_parameters(&self, change: &ParameterChange) -> Result<(), ParameterError> {
+        self.simulation.physics.scene.check_parameters(change)
+    }
+
+    /// Puts a camera at a pose in the world (it looks along its −x axis, +z is up); a reset returns it. Publishes it.
+    pub fn place_camera(&mut self, camera: CameraId, pose: &Isometry3<f64>) {
+        let scene = &mut self.simulation.physics.scene;
+        let parent = scene.global_pose(scene.cameras[camera].attached.parent, &Isometry3::identity());
+        scene.cameras[camera].attached.pose = parent.inverse() * pose;
+        self.published.publish(&mut self.simulation);
+    }
+
+    /// Puts a light at a pose in the world (it shines along its +x axis); a reset returns it. Publishes it.
+    pub fn place_light(&mut self, light: LightId, pose: &Isometry3<f64>) {
+        let scene = &mut self.simulation.physics.scene;
+        let parent = scene.global_pose(scene.lights[light].attached.parent, &Isometry3::identity());
+        scene.lights[light].attached.pose = parent.inverse() * pose;
+        self.published.publish(&mut self.simulation);
+    }
+
+    /// Builds a model into the scene, and publishes it; ids and positions of other objects stay. See
+    /// [`Simulation::add_model`].
+    ///
+    /// # Errors
+    /// Those of [`Simulation::add_model`].
+    pub fn add_model(&mut self, prepared: PreparedModel) -> Result<AddedModel, ModelError> {
+        let added = self.simulation.add_model(prepared)?;
+        self.follow_scene();
+        Ok(added)
+    }
+
+    /// Removes the model whose key is `name`, or the only one whose key holds `name`; its key. Ids and positions of other
+    /// objects stay.
+    ///
+    /// # Errors
+    /// [`ModelError::Unknown`].
+    pub fn remove_model(&mut self, name: &str) -> Result<String, ModelError> {
+        let removed = self.simulation.remove_model(name)?;
+        self.follow_scene();
+        Ok(removed)
+    }
+
+    /// Makes place for what the scene has now.
+    fn follow_scene(&mut self) {
+        self.published.snapshot = self.simulation.scene().snapshot(self.simulation.wrenches());
+        self.published.publish(&mut self.simulation);
+    }
+
     /// Saves everything: see [`Simulation::save`]; it is at rest.
     ///
     /// # Errors
@@ -276,10 +343,7 @@ mod tests {
     use std::path::Path;
     use std::time::{Duration, Instant};
 
-    use nalgebra::Isometry3;
-
     use super::*;
-    use crate::ids::CameraId;
     use crate::scene::{load, SceneFiles, SceneOptions};
     use crate::sim::WindowRequest;
 

@@ -25,6 +25,8 @@ impl ActiveTargets {
         self.bodies.retain(|&body| !scene.body_is_gone(body));
         if scene.profile == Profile::Accurate {
             self.joints.reserve(scene.joints.len());
+        }
+        if scene.profile == Profile::Accurate || scene.kinematic_bodies {
             self.bodies.reserve(scene.bodies.len());
         }
     }

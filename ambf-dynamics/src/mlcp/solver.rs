@@ -22,9 +22,10 @@ const COARSE: f64 = 1e-6;
 const SOLVED_BEFORE: f64 = 1e-8;
 const RESTING: f64 = 1e-7;
 const INACCURATE: f64 = 1.5;
-/// Largest residual with which a guess is accepted, m/s or rad/s. The largest target can be as large as the velocity that
+/// Largest residual with which a guess is accepted, m/s or rad/s: what creeps no faster is at rest. The largest target is
+/// that of the strongest force, which says nothing about what friction holds beside it, and can be as large as the velocity that
 /// a stiff spring would give to a link of next to no inertia, were there no limit.
-const MAX_GUESS_RESIDUAL: f64 = 1e-6;
+const MAX_GUESS_RESIDUAL: f64 = 3e-8;
 /// Residual up to which impulses count as near the solution, as a share of the largest target, and the share of the
 /// budget for block pivoting from such a guess.
 const NEAR: f64 = 1e-3;

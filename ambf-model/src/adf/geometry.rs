@@ -157,6 +157,9 @@ pub enum CollisionMeshKind {
     PointCloud,
     /// Convex hulls that together have nearly the surface of a sub-mesh. The C++ program does not know it.
     ConvexDecomposition(ConvexDecomposition),
+    /// Convex hull of each solid of a sub-mesh ([`SubMesh::solids`](crate::mesh::SubMesh::solids)), and of one with holes the
+    /// hulls into which it is divided. For descriptions that are not ADF.
+    ConvexParts(ConvexDecomposition),
 }
 
 /// Key `convex decomposition`: how a mesh is divided into convex hulls.
@@ -168,7 +171,8 @@ pub struct ConvexDecomposition {
     /// the finer, the closer a cut can be to where it is best. Default: 64.
     pub resolution: u32,
     /// Volume that a hull may have beyond what it encloses of the sub-mesh, as a share of the volume of the convex hull
-    /// of the whole sub-mesh; above 0, at most 1. Default: 0.005.
+    /// of the whole sub-mesh; above 0, at most 1. Default: 0.001, with which a ring of 11 mm inside and 18 mm outside keeps
+    /// 10.7 mm of its hole.
     pub concavity: f64,
 }
 
@@ -181,7 +185,7 @@ impl ConvexDecomposition {
 
 impl Default for ConvexDecomposition {
     fn default() -> Self {
-        Self { hulls: 32, resolution: 64, concavity: 0.005 }
+        Self { hulls: 32, resolution: 64, concavity: 0.001 }
     }
 }
 

@@ -83,6 +83,8 @@ pub struct PhysicsSettings {
     pub joint_erp: Option<f64>,
     /// Name of the way in which the gyroscopic torque is integrated, as written.
     pub gyroscopic: Option<String>,
+    /// Whether bodies without mass that commands move have the velocity of their motion.
+    pub kinematic_bodies: Option<bool>,
 }
 
 /// Profile of the physics.
@@ -203,6 +205,7 @@ impl PhysicsSettings {
             largest_distance: block.real_in("largest distance", Range::Positive),
             joint_erp: block.real_in("joint erp", Range::Share),
             gyroscopic: block.filled("gyroscopic"),
+            kinematic_bodies: block.boolean("kinematic bodies"),
         };
         block.finish();
         settings
@@ -223,7 +226,7 @@ mod tests {
         let world: World = clean(
             "namespace: env/\nenvironment: e.yaml\nlights: [l]\nl: {namespace: a/}\nmax iterations: 3\n\
              physics: {profile: accurate, solver: nncg, iterations: 4, sub step: 0.0005, joint erp: 0.5, \
-             gyroscopic: none, sleep: true, articulated: false, largest speed: 1e9, largest distance: 1e20}\n",
+             gyroscopic: none, kinematic bodies: true, sleep: true, articulated: false, largest speed: 1e9, largest distance: 1e20}\n",
         );
         assert_eq!(world.common.namespace, "env/");
         assert_eq!(world.lights[0].common.namespace, "env/a/");
@@ -232,7 +235,7 @@ mod tests {
         assert_eq!((world.physics.iterations, world.physics.sub_step), (Some(4), Some(0.0005)));
         assert_eq!(world.physics.sleep, Some(true));
         assert_eq!((world.physics.largest_speed, world.physics.largest_distance), (Some(1e9), Some(1e20)));
-        assert_eq!(world.physics.articulated, Some(false));
+        assert_eq!((world.physics.articulated, world.physics.kinematic_bodies), (Some(false), Some(true)));
         assert_eq!((world.physics.joint_erp, world.physics.gyroscopic.as_deref()), (Some(0.5), Some("none")));
         let world: World = clean("physics: {profile: pybullet}\n");
         assert_eq!(world.physics.profile, Some(PhysicsProfile::PyBullet));

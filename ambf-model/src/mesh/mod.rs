@@ -11,6 +11,7 @@ mod dae;
 mod gltf;
 mod material;
 mod obj;
+mod parts;
 mod placement;
 mod ply;
 mod primitive;
@@ -31,6 +32,7 @@ use crate::files::{self, Found};
 
 pub use cache::MeshCache;
 pub use material::{MeshMaterial, MeshTexture, MetallicRoughness};
+pub use parts::has_holes;
 pub use sources::Sources;
 use visual::Details;
 pub use visual::{load_both, load_visual, parse_visual, VisualMesh, VisualMeshPart};
@@ -66,6 +68,9 @@ pub struct SubMesh {
     pub triangles: Vec<[u32; 3]>,
     /// Indices into [`vertices`](Self::vertices); OBJ `l` elements only, a polyline is split into its segments.
     pub lines: Vec<[u32; 2]>,
+    /// (triangles × 1) part of the file that each triangle belongs to: OBJ faces after the same `o`, `g` and `usemtl`,
+    /// numbered as they come. Empty: they belong to one.
+    pub parts: Vec<u32>,
     /// Number of leading vertices that belong to the surface, as opposed to lines. A file of bare OBJ vertices counts
     /// them all.
     pub surface_vertices: usize,

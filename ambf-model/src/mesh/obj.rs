@@ -15,6 +15,8 @@ use super::{check_finite, quoted, Files, Mesh, MeshError, Position, Welder, MAX_
 struct Element {
     start: usize,
     material: usize,
+    /// Number of the object, group and material that it belongs to, by their names.
+    part: u32,
     line: u32,
     is_face: bool,
 }
@@ -49,7 +51,7 @@ pub(super) fn read(
 
     // Lines come after all faces, so that the vertices that only lines use come last.
     contents.for_each(path, true, |element, corners| {
-        parts[element.material].add_face(corners, &contents.positions);
+        parts[element.material].add_face(corners, element.part, &contents.positions);
     })?;
     if let Some(details) = details {
         contents.describe(path, count, details)?;
@@ -85,13 +87,14 @@ impl Part {
     }
 
     /// Splits a polygon into a fan around its first corner.
-    fn add_face(&mut self, corners: &[usize], positions: &[[f64; 3]]) {
+    fn add_face(&mut self, corners: &[usize], part: u32, positions: &[[f64; 3]]) {
         if corners.len() < 3 {
             return;
         }
         let fan: Vec<u32> = corners.iter().map(|&c| self.vertex(c, positions)).collect();
         let triangles = fan[1..].windows(2).map(|pair| [fan[0], pair[0], pair[1]]);
         self.welder.sub_mesh.triangles.extend(triangles);
+        self.welder.sub_mesh.parts.resize(self.welder.sub_mesh.triangles.len(), part);
     }
 
     fn add_polyline(&mut self, corners: &[usize], positions: &[[f64; 3]]) {
@@ -101,6 +104,9 @@ impl Part {
 
     fn finish(self) -> super::SubMesh {
         let mut sub_mesh = self.welder.sub_mesh;
+        if sub_mesh.parts.windows(2).all(|pair| pair[0] == pair[1]) {
+            sub_mesh.parts = Vec::new();
+        }
         sub_mesh.file_vertices = self.file_vertices.into_iter().collect();
         sub_mesh
     }
@@ -185,6 +191,9 @@ fn parse(path: &Path, text: &str, files: &Files, mut details: Option<&mut Detail
     // Named once.
     let mut unknown_materials = HashSet::new();
     let mut material = 0;
+    // Object, group and material as they are called, and their number.
+    let (mut names, mut part) = ([const { String::new() }; 3], 0);
+    let mut part_numbers = HashMap::from([(names.clone(), part)]);
     let mut continued = String::new();
     for (line, content) in (1..).zip(text.lines()) {
         // A backslash at the end joins a line with the next.
@@ -197,6 +206,11 @@ fn parse(path: &Path, text: &str, files: &Files, mut details: Option<&mut Detail
         let content = joined.trim();
         let (keyword, rest) = content.split_once(|c: char| c.is_ascii_whitespace()).unwrap_or((content, ""));
         let rest = rest.trim();
+        if let Some(kind) = ["o", "g", "usemtl"].iter().position(|known| *known == keyword) {
+            rest.clone_into(&mut names[kind]);
+            let next = part_numbers.len() as u32;
+            part = *part_numbers.entry(names.clone()).or_insert(next);
+        }
         match keyword {
             "v" => {
                 let position = parse_position(rest)
@@ -225,7 +239,7 @@ fn parse(path: &Path, text: &str, files: &Files, mut details: Option<&mut Detail
                         }
                     }
                 }
-                contents.elements.push(Element { start, material, line, is_face: keyword == "f" });
+                contents.elements.push(Element { start, material, part, line, is_face: keyword == "f" });
             }
             "vt" => {
                 if let Some(details) = &mut details {

@@ -9,7 +9,7 @@ use super::joint::Joint;
 use super::link::Link;
 use super::tree::Place;
 use crate::adf::{
-    CollisionGeometry, CollisionMeshKind, Common, Controller, Joint as AdfJoint, Part, ProblemKind, RigidBody,
+    CollisionGeometry, CollisionMeshKind, Common, Controller, ConvexDecomposition, Joint as AdfJoint, Part, ProblemKind, RigidBody,
     Severity, SourcePos, Surface, Visual, VisualGeometry, VisualPart,
 };
 
@@ -70,8 +70,11 @@ fn body(link: &Link<'_>, place: &Place, shapes: Shapes, namespace: &str) -> Rigi
     let sphere = parts.is_empty().then(|| solid_sphere(mass));
     // Bullet's joints would give way to the inertia of what has no mass.
     let moments = moments.or(sphere).filter(|_| !place.is_static);
-    // A hull is quick and robust where things move; what stands still may well be a room or a table.
-    let kind = if place.is_static { CollisionMeshKind::ConcaveMesh } else { CollisionMeshKind::ConvexHull };
+    // Hulls are quick and robust where things move; what stands still may well be a room or a table.
+    let kind = match place.is_static {
+        true => CollisionMeshKind::ConcaveMesh,
+        false => CollisionMeshKind::ConvexParts(ConvexDecomposition::default()),
+    };
     let collision = if parts.is_empty() { CollisionGeometry::None } else { CollisionGeometry::Parts { parts, kind } };
     RigidBody {
         common: common("BODY", link.name, namespace, link.element.source()),

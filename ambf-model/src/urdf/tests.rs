@@ -122,7 +122,8 @@ fn links_without_mass_become_part_of_what_they_are_fixed_to() {
     let (model, problems) = read(&robot(&text));
     assert_eq!(names(&model), [("Arm", 2.0, 0.0), ("Claw", 2.0, 2.0)]);
     let CollisionGeometry::Parts { parts, kind } = &model.bodies[0].collision else { panic!() };
-    assert_eq!((parts[0].offset, *kind), (Isometry3::translation(1.0, 0.0, 0.0), CollisionMeshKind::ConvexHull));
+    assert_eq!(parts[0].offset, Isometry3::translation(1.0, 0.0, 0.0));
+    assert!(matches!(kind, CollisionMeshKind::ConvexParts(_)), "{kind:?}");
     assert_eq!(model.joints[0].parent_pivot.x, 2.0);
     assert_eq!(problems.len(), 1);
 }

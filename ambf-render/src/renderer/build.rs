@@ -52,7 +52,8 @@ fn part_request(part: &adf::Part, remove_duplicates: bool) -> (MeshRequest, Matr
 fn visual_parts(body: &VisualBody) -> Vec<(MeshRequest, Matrix4<f64>, Option<Look>)> {
     let Some(visual) = body.visual().filter(|visual| visual.visible) else { return Vec::new() };
     let identity = Isometry3::identity();
-    let own = visual.material.as_ref().map(Look::of_material);
+    let chosen = body.color.map(Look::of_color);
+    let own = chosen.or_else(|| visual.material.as_ref().map(Look::of_material));
     match &visual.geometry {
         adf::VisualGeometry::None => Vec::new(),
         adf::VisualGeometry::Primitive(primitive) => {
@@ -74,7 +75,8 @@ fn visual_parts(body: &VisualBody) -> Vec<(MeshRequest, Matrix4<f64>, Option<Loo
             .iter()
             .map(|visual_part| {
                 let (request, local) = part_request(&visual_part.part, visual.remove_duplicates);
-                (request, local, visual_part.material.as_ref().map(Look::of_material).or(own))
+                let look = chosen.or_else(|| visual_part.material.as_ref().map(Look::of_material)).or(own);
+                (request, local, look)
             })
             .collect(),
     }

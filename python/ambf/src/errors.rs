@@ -1,8 +1,8 @@
 //! Exceptions. Their classes are Python's, in `ambf.errors`.
 
 use ambf_core::bullet::StateError;
-use ambf_core::scene::SetStateError;
-use ambf_core::sim::LostState;
+use ambf_core::scene::{MechanismError, ParameterError, SetStateError};
+use ambf_core::sim::{LostState, ModelError};
 use ambf_core::text::lines;
 use ambf_render::{NoSuchCamera, RenderError};
 use ambf_viewer::ViewerError;
@@ -53,6 +53,30 @@ pub fn state(py: Python<'_>, problem: &StateError) -> PyErr {
 /// Error when a state can't be set; nothing has changed.
 pub fn set_state(py: Python<'_>, problem: &SetStateError) -> PyErr {
     raise(py, "StateError", (lines(&problem.to_string()).into_owned(),))
+}
+
+/// Error when a state can't be set, in words.
+pub fn refused(py: Python<'_>, problem: &str) -> PyErr {
+    raise(py, "StateError", (lines(problem).into_owned(),))
+}
+
+/// Error when a parameter can't be changed; nothing has changed.
+pub fn parameter(problem: &ParameterError) -> PyErr {
+    pyo3::exceptions::PyValueError::new_err(lines(&problem.to_string()).into_owned())
+}
+
+/// Error when a model is not added or removed; nothing has changed.
+pub fn model(py: Python<'_>, problem: &ModelError) -> PyErr {
+    let message = lines(&problem.to_string()).into_owned();
+    match problem {
+        ModelError::Unknown { .. } => raise(py, "NotFoundError", (message,)),
+        _ => raise(py, "LoadError", (vec![message],)),
+    }
+}
+
+/// Error when bodies are no tree.
+pub fn tree(py: Python<'_>, problem: &MechanismError) -> PyErr {
+    raise(py, "TreeError", (lines(&problem.to_string()).into_owned(),))
 }
 
 /// Error when there is no such camera, or several.

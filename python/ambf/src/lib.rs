@@ -7,18 +7,21 @@
 //!
 //! Begin with `world.rs`: `World::step` takes the physics out of its slot, puts the commands of the arrays in force,
 //! steps without Python's lock, and writes the states into the arrays. `drawing.rs` draws, `view.rs` opens windows,
-//! `pool.rs` steps many worlds at once.
+//! `pool.rs` steps many worlds at once, `batch.rs` many of one scene with common arrays, `tree.rs` answers questions about mechanisms.
 //!
 //! Not in: names, shapes and checks of arguments that users see, which are in `python/ambf/simulation.py`; ROS, which
 //! is `ambf_client`'s.
 
 mod arrays;
+mod batch;
 mod commands;
 mod drawing;
 mod errors;
 mod load;
 mod names;
+mod parameters;
 mod pool;
+mod tree;
 mod view;
 mod world;
 
@@ -26,8 +29,17 @@ use pyo3::pymodule;
 
 #[pymodule]
 mod _ambf {
+    /// Version of the simulator, with the commit if it is known.
+    #[pymodule_export]
+    #[allow(non_upper_case_globals, reason = "Python's name")]
+    const version: &str = ambf_version::VERSION;
+
+    #[pymodule_export]
+    use super::batch::Batch;
     #[pymodule_export]
     use super::pool::{shared_descriptions, shared_shapes, step_all};
+    #[pymodule_export]
+    use super::tree::Tree;
     #[pymodule_export]
     use super::world::{State, World};
 }

@@ -4,12 +4,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use ambf_core::adf::{Launch, PhysicsProfile, PhysicsSettings};
+use ambf_core::control::Profile;
 use ambf_core::plugin::{PluginSetup, Registry, Search};
 use ambf_core::scene::{load, shared_launch, Loaded, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::{Simulation, Stepper, DEFAULT_SUB_STEP};
 use ambf_core::text::has_entries;
 
 /// Which scene, and how it is simulated.
+#[derive(Clone)]
 pub struct Wanted {
     pub models: Vec<PathBuf>,
     pub launch_file: Option<PathBuf>,
@@ -57,7 +59,14 @@ pub fn load_world(wanted: &Wanted) -> Result<Made, Vec<String>> {
         None => None,
     };
     let files = files(wanted, launch.as_deref())?;
-    let options = SceneOptions { physics, savable: wanted.saving, is_one_of_many: true, ..SceneOptions::default() };
+    let options = SceneOptions {
+        physics,
+        default_profile: Some(Profile::Accurate),
+        savable: wanted.saving,
+        is_one_of_many: true,
+        joint_wrenches: true,
+        ..SceneOptions::default()
+    };
     let Loaded { scene, report } = load(&files, &options);
     if !report.refused.is_empty() {
         return Err(report.refused.iter().map(|problem| problem.trim_end().to_owned()).collect());

@@ -2,15 +2,17 @@
 
 use std::panic::{catch_unwind, resume_unwind, AssertUnwindSafe};
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::adf::Launch;
-use ambf_core::bullet::{EnergyLedger, Ray, RayHit, RayTarget};
+use ambf_core::bullet::{EnergyLedger, Preset, Ray, RayHit, RayTarget};
 use ambf_core::comm::{ActuatorCommand, HubIndex, ObjectKind, Snapshot};
+use ambf_core::control::Profile;
 use ambf_core::ids::{ActuatorId, BodyId, JointId, SensorId};
-use ambf_core::scene::{Body, Joint, StateChange};
-use ambf_core::sim::{LostState, Stepper, StepperState};
+use ambf_core::scene::{Body, ParameterChange, PreparedModel, StateChange};
+use ambf_core::sim::{LostState, ModelError, Stepper, StepperState};
 use ambf_core::text;
 use ambf_render::camera_labels;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -22,8 +24,9 @@ use crate::arrays::{Buffer, Pool};
 use crate::commands::{BodyCommands, Requested, Row, SavedArrays};
 use crate::drawing::{self, Drawing, Moment};
 use crate::load::{self, Made, Wanted};
+use crate::tree::{self, Tree};
 use crate::view::Windows;
-use crate::{errors, names};
+use crate::{errors, names, parameters};
 
 /// How long the physics goes on before Python is asked whether it was interrupted.
 pub const SLICE: Duration = Duration::from_millis(100);
@@ -80,7 +83,11 @@ pub struct World {
     clock: Mutex<Clock>,
     warnings: Vec<String>,
     rows: Vec<Row>,
+    /// Row of each body by its index; -1: it has none.
+    rows_of_bodies: Vec<i64>,
     joints: Vec<String>,
+    /// (joints) which joint of the scene is at each place of the arrays.
+    joint_ids: Vec<JointId>,
     sensors: Vec<Sensor>,
     actuators: Vec<Actuator>,
     poses: Buffer,
@@ -88,6 +95,7 @@ pub struct World {
     joint_positions: Buffer,
     joint_velocities: Buffer,
     joint_efforts: Buffer,
+    joint_wrenches: Buffer,
     measurements: Buffer,
     holding: Buffer,
     commands: BodyCommands,
@@ -95,6 +103,7 @@ pub struct World {
     drawing: Drawing,
     pictures: PictureArrays,
     windows: Mutex<Option<Windows>>,
+    revision: AtomicU64,
 }
 
 /// Arrays of pictures.
@@ -179,8 +188,17 @@ impl World {
             (&self.joint_efforts, &snapshot.joint_efforts),
         ];
         for (buffer, values) in joints {
-            buffer.write::<f64>(py, |numbers| numbers.iter_mut().zip(values).for_each(|(to, from)| *to = *from))?;
+            buffer.write::<f64>(py, |numbers| {
+                numbers.iter_mut().zip(&self.joint_ids).for_each(|(to, joint)| *to = values[*joint]);
+            })?;
         }
+        self.joint_wrenches.write::<f64>(py, |numbers| {
+            for (to, joint) in numbers.chunks_exact_mut(6).zip(&self.joint_ids) {
+                let wrench = &snapshot.joint_wrenches[*joint];
+                to[..3].copy_from_slice(wrench.force.as_slice());
+                to[3..].copy_from_slice(wrench.torque.as_slice());
+            }
+        })?;
         self.measurements.write::<f64>(py, |numbers| {
             for sensor in &self.sensors {
                 let rays = numbers.get_mut(sensor.rays.clone()).unwrap_or_default();
@@ -221,11 +239,120 @@ impl World {
 
     /// The row of a body; -1: it has none.
     fn row_of(&self, body: BodyId) -> i64 {
-        self.rows.iter().position(|row| row.id == body).map_or(-1, |row| row as i64)
+        self.rows_of_bodies.get(body.index()).copied().unwrap_or(-1)
     }
 
     fn row(&self, body: usize) -> PyResult<&Row> {
         self.rows.get(body).ok_or_else(|| no_such("body", body, self.rows.len()))
+    }
+
+    /// A world of a stepper, with arrays for what there is in it.
+    fn around(
+        py: Python<'_>,
+        slot: Arc<Mutex<Slot>>,
+        mut physics: Physics,
+        warnings: Vec<String>,
+        revision: u64,
+    ) -> PyResult<Self> {
+        let stepper = &physics.stepper;
+        let (mut rows, mut sensors, mut actuators, mut rays) = (Vec::new(), Vec::new(), Vec::new(), 0);
+        let snapshot = stepper.snapshot();
+        for (object, entry) in stepper.objects().entries().filter(|(_, entry)| !entry.is_removed()) {
+            let name = names::of(&entry.info);
+            match &entry.info.kind {
+                ObjectKind::RigidBody(id, info) => rows.push(Row::new(name, object, *id, info)),
+                ObjectKind::Sensor(id, info) => {
+                    let is_contact = info.kind == ambf_core::comm::SensorType::Contact;
+                    let count = if is_contact { 0 } else { snapshot.sensors[*id].len() };
+                    sensors.push(Sensor { name, id: *id, rays: rays..rays + count });
+                    rays += count;
+                }
+                ObjectKind::Actuator(id, _) => actuators.push(Actuator { name, object, id: *id }),
+                _ => (),
+            }
+        }
+        let scene = stepper.simulation().scene();
+        let mut rows_of_bodies = vec![-1; scene.bodies.len()];
+        rows.iter().enumerate().for_each(|(place, row): (usize, &Row)| rows_of_bodies[row.id.index()] = place as i64);
+        let there = || scene.joints.entries().filter(|(_, joint)| !joint.removed);
+        let joints: Vec<String> = there().map(|(_, joint)| joint.name.clone()).collect();
+        let joint_ids: Vec<JointId> = there().map(|(id, _)| id).collect();
+        let visuals = stepper.visuals().map(|visuals| camera_labels(&visuals)).unwrap_or_default();
+        let cameras = visuals.into_iter().map(|(_, label)| label).collect();
+        let made = Self {
+            clock: Mutex::default(),
+            poses: Buffer::state::<f64>(py, &[rows.len(), 7])?,
+            twists: Buffer::state::<f64>(py, &[rows.len(), 6])?,
+            joint_positions: Buffer::state::<f64>(py, &[joints.len()])?,
+            joint_velocities: Buffer::state::<f64>(py, &[joints.len()])?,
+            joint_efforts: Buffer::state::<f64>(py, &[joints.len()])?,
+            joint_wrenches: Buffer::state::<f64>(py, &[joints.len(), 6])?,
+            measurements: Buffer::state::<f64>(py, &[rays])?,
+            holding: Buffer::state::<bool>(py, &[actuators.len()])?,
+            commands: BodyCommands::new(py, rows.len())?,
+            slot,
+            warnings,
+            rows,
+            rows_of_bodies,
+            joints,
+            joint_ids,
+            sensors,
+            actuators,
+            cameras,
+            drawing: Drawing::default(),
+            pictures: PictureArrays::default(),
+            windows: Mutex::default(),
+            revision: AtomicU64::new(revision),
+        };
+        physics.requested = Requested::new(made.rows.len());
+        made.give(py, Some(physics))?;
+        Ok(made)
+    }
+
+    /// A world with arrays for what the scene has after `change`, which takes the physics over; this one is empty then. Nothing
+    /// has changed after an error.
+    fn changed<R>(
+        &self,
+        py: Python<'_>,
+        change: impl FnOnce(&mut Stepper) -> Result<R, ModelError> + Send,
+    ) -> PyResult<(Self, R)>
+    where
+        R: Send,
+    {
+        let mut physics = self.take_away(py)?;
+        let outcome = py.detach(|| change(&mut physics.stepper));
+        let answer = match outcome {
+            Ok(answer) => answer,
+            Err(problem) => {
+                self.give(py, Some(physics))?;
+                return Err(errors::model(py, &problem));
+            }
+        };
+        let was_commanded: Vec<BodyId> = self
+            .rows
+            .iter()
+            .zip(&physics.requested.commanded)
+            .filter(|(_, was)| **was)
+            .map(|(row, _)| row.id)
+            .collect();
+        let made = Self::around(
+            py,
+            Arc::clone(&self.slot),
+            physics,
+            self.warnings.clone(),
+            self.revision.load(Ordering::Relaxed) + 1,
+        )?;
+        made.with(py, |physics| {
+            for (row, commanded) in made.rows.iter().zip(&mut physics.requested.commanded) {
+                *commanded = was_commanded.contains(&row.id);
+            }
+        })?;
+        Ok((made, answer))
+    }
+
+    /// Bodies and joints in the order of the arrays.
+    fn ids(&self) -> (Vec<BodyId>, &[JointId]) {
+        (self.rows.iter().map(|row| row.id).collect(), &self.joint_ids)
     }
 }
 
@@ -310,49 +437,8 @@ impl World {
         };
         let Made { stepper, warnings, launch } =
             py.detach(|| load::load_world(&wanted)).map_err(|problems| errors::load(py, problems))?;
-        let (mut rows, mut sensors, mut actuators, mut rays) = (Vec::new(), Vec::new(), Vec::new(), 0);
-        let snapshot = stepper.snapshot();
-        for (object, entry) in stepper.objects().entries() {
-            let name = names::of(&entry.info);
-            match &entry.info.kind {
-                ObjectKind::RigidBody(id, info) => rows.push(Row::new(name, object, *id, info)),
-                ObjectKind::Sensor(id, info) => {
-                    let is_contact = info.kind == ambf_core::comm::SensorType::Contact;
-                    let count = if is_contact { 0 } else { snapshot.sensors[*id].len() };
-                    sensors.push(Sensor { name, id: *id, rays: rays..rays + count });
-                    rays += count;
-                }
-                ObjectKind::Actuator(id, _) => actuators.push(Actuator { name, object, id: *id }),
-                _ => (),
-            }
-        }
-        let joints: Vec<String> = stepper.simulation().scene().joints.iter().map(|joint| joint.name.clone()).collect();
-        let visuals = stepper.visuals().map(|visuals| camera_labels(&visuals)).unwrap_or_default();
-        let cameras = visuals.into_iter().map(|(_, label)| label).collect();
-        let made = Self {
-            clock: Mutex::default(),
-            poses: Buffer::state::<f64>(py, &[rows.len(), 7])?,
-            twists: Buffer::state::<f64>(py, &[rows.len(), 6])?,
-            joint_positions: Buffer::state::<f64>(py, &[joints.len()])?,
-            joint_velocities: Buffer::state::<f64>(py, &[joints.len()])?,
-            joint_efforts: Buffer::state::<f64>(py, &[joints.len()])?,
-            measurements: Buffer::state::<f64>(py, &[rays])?,
-            holding: Buffer::state::<bool>(py, &[actuators.len()])?,
-            commands: BodyCommands::new(py, rows.len())?,
-            slot: Arc::new(Mutex::new(Slot::Away)),
-            warnings,
-            rows,
-            joints,
-            sensors,
-            actuators,
-            cameras,
-            drawing: Drawing::default(),
-            pictures: PictureArrays::default(),
-            windows: Mutex::default(),
-        };
-        let requested = Requested::new(made.rows.len());
-        made.give(py, Some(Physics { stepper: Box::new(stepper), requested, _launch: launch }))?;
-        Ok(made)
+        let physics = Physics { stepper: Box::new(stepper), requested: Requested::new(0), _launch: launch };
+        Self::around(py, Arc::new(Mutex::new(Slot::Away)), physics, warnings, 0)
     }
 
     #[getter]
@@ -382,7 +468,8 @@ impl World {
 
     fn body_joints(&self, body: usize) -> PyResult<(Vec<String>, Vec<usize>)> {
         let row = self.row(body)?;
-        Ok((row.joint_names.clone(), row.joints.iter().map(|joint| joint.index()).collect()))
+        let place = |joint: &JointId| self.joint_ids.binary_search(joint).ok();
+        Ok((row.joint_names.clone(), row.joints.iter().filter_map(place).collect()))
     }
 
     fn sensor_rays(&self, sensor: usize) -> PyResult<(usize, usize)> {
@@ -429,6 +516,11 @@ impl World {
     #[getter]
     fn joint_efforts(&self, py: Python<'_>) -> Py<PyAny> {
         self.joint_efforts.view(py)
+    }
+
+    #[getter]
+    fn joint_wrenches(&self, py: Python<'_>) -> Py<PyAny> {
+        self.joint_wrenches.view(py)
     }
 
     #[getter]
@@ -554,7 +646,7 @@ impl World {
     ) -> PyResult<()> {
         let joints = |values: Option<Vec<f64>>| {
             let given = values.unwrap_or_default().into_iter().enumerate().filter(|(_, value)| !value.is_nan());
-            given.map(|(index, value)| (JointId::new(index), value)).collect()
+            given.filter_map(|(index, value)| Some((*self.joint_ids.get(index)?, value))).collect()
         };
         let pose_of = |[x, y, z, i, j, k, w]: [f64; 7]| {
             let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
@@ -573,8 +665,8 @@ impl World {
         })?
     }
 
-    /// For each contact point: rows of the two bodies (-1: none) and their names, then 11 numbers: point, normal, distance,
-    /// force.
+    /// For each contact point: rows of the two bodies (-1: none) and their names, then 12 numbers: point, normal, distance,
+    /// normal force, force of friction on the first body, coefficient of friction.
     fn contacts<'py>(&self, py: Python<'py>) -> PyResult<Contacts<'py>> {
         let (mut rows, mut names, mut numbers) = (Vec::new(), Vec::new(), Vec::new());
         self.with(py, |physics| {
@@ -586,9 +678,11 @@ impl World {
                 rows.push([first, second].map(|id| self.row_of(id)));
                 let name = |id: BodyId| names::of_body(&scene.bodies[id]);
                 names.push((name(first), name(second)));
-                let force = contact.impulse / simulation.sub_step();
+                let per_second = 1.0 / simulation.sub_step();
                 numbers.extend(contact.point.iter().chain(contact.normal.iter()));
-                numbers.extend([contact.distance, force]);
+                numbers.extend([contact.distance, contact.impulse * per_second]);
+                numbers.extend((contact.friction * per_second).iter());
+                numbers.push(contact.friction_coefficient);
             }
         })?;
         Ok((rows, names, PyArray1::from_vec(py, numbers)))
@@ -650,29 +744,123 @@ impl World {
         })
     }
 
-    /// Mass and principal moments of each body, and lower and upper limit of each joint.
-    fn constants<'py>(&self, py: Python<'py>) -> PyResult<(Numbers<'py>, Numbers<'py>)> {
-        let (bodies, joints) = self.with(py, |physics| {
+    /// Another number whenever masses, inertias, frames, limits or gravity have changed.
+    #[getter]
+    fn revision(&self) -> u64 {
+        self.revision.load(Ordering::Relaxed)
+    }
+
+    /// The tree that a body is part of.
+    fn tree(&self, py: Python<'_>, body: usize) -> PyResult<Tree> {
+        let id = self.row(body)?.id;
+        self.with(py, |physics| {
             let scene = physics.stepper.simulation().scene();
-            let body = |row: &Row| {
-                let body = &scene.bodies[row.id];
-                [body.mass, body.inertia.x, body.inertia.y, body.inertia.z]
-            };
-            let limits = |joint: &Joint| match joint.limits {
-                Some(limits) if limits.low <= limits.high => [limits.low, limits.high],
-                _ => [f64::NEG_INFINITY, f64::INFINITY],
-            };
-            let bodies: Vec<f64> = self.rows.iter().flat_map(body).collect();
-            (bodies, scene.joints.iter().flat_map(limits).collect::<Vec<f64>>())
+            let mechanism = scene.mechanism(id).map_err(|problem| errors::tree(py, &problem))?;
+            Ok(Tree::new(mechanism, scene, &self.joint_ids))
+        })?
+    }
+
+    /// Pose of the body frame and twist of the base of a tree, as in the arrays.
+    fn tree_base(&self, py: Python<'_>, tree: &Tree) -> PyResult<([f64; 7], [f64; 6])> {
+        self.with(py, |physics| {
+            let base = tree.bodies()[0];
+            let state = &physics.stepper.snapshot().bodies[base];
+            let pose = state.body_pose(&physics.stepper.simulation().scene().bodies[base].inertial_offset_inverse);
+            let ([x, y, z], [i, j, k]) = (state.linear_velocity, state.angular_velocity);
+            (tree::seven(&pose), [x, y, z, i, j, k])
+        })
+    }
+
+    /// Numbers of each body, numbers of each joint, and gravity: see `parameters.rs`.
+    fn parameters<'py>(&self, py: Python<'py>) -> PyResult<(Numbers<'py>, Numbers<'py>, Numbers<'py>)> {
+        let (bodies, joints) = self.ids();
+        let (bodies, joints, gravity) = self.with(py, |physics| {
+            let scene = physics.stepper.simulation().scene();
+            (parameters::of_bodies(scene, &bodies), parameters::of_joints(scene, joints), scene.gravity)
         })?;
-        Ok((PyArray1::from_vec(py, bodies), PyArray1::from_vec(py, joints)))
+        let gravity = PyArray1::from_slice(py, gravity.as_slice());
+        Ok((PyArray1::from_vec(py, bodies), PyArray1::from_vec(py, joints), gravity))
+    }
+
+    /// Changes what is named; numbers that are none leave what they stand for as it is.
+    fn set_parameters(&self, py: Python<'_>, values: Vec<(String, Vec<f64>)>) -> PyResult<()> {
+        let (bodies, joints) = self.ids();
+        let mut change = ParameterChange::default();
+        for (name, numbers) in &values {
+            parameters::add(&mut change, name, numbers, (&bodies, joints))?;
+        }
+        self.with(py, |physics| physics.stepper.set_parameters(&change))?
+            .map_err(|problem| errors::parameter(&problem))?;
+        self.revision.fetch_add(1, Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// Puts a camera at a pose in the world.
+    fn place_camera(&self, py: Python<'_>, camera: Option<String>, pose: [f64; 7]) -> PyResult<()> {
+        let pose = tree::pose_of(pose)?;
+        let moment = self.moment(py)?;
+        let camera = moment.camera(camera.as_deref()).map_err(|problem| errors::camera(py, &problem))?;
+        drop(moment);
+        self.with(py, |physics| physics.stepper.place_camera(camera, &pose))
+    }
+
+    #[getter]
+    fn lights(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        self.with(py, |physics| {
+            let scene = physics.stepper.simulation().scene();
+            scene.lights.iter().map(|light| light.attached.identity.name.to_string()).collect()
+        })
+    }
+
+    /// Puts the light at an index at a pose in the world.
+    fn place_light(&self, py: Python<'_>, light: usize, pose: [f64; 7]) -> PyResult<()> {
+        let pose = tree::pose_of(pose)?;
+        self.with(py, |physics| {
+            let found = physics.stepper.simulation().scene().lights.ids().nth(light);
+            found.map(|light| physics.stepper.place_light(light, &pose))
+        })?
+        .ok_or_else(|| no_such("light", light, 0))
+    }
+
+    /// A world with the model, its name and what there is to say about it; this one is empty then.
+    fn add_model(&self, py: Python<'_>, file: PathBuf) -> PyResult<(Self, String, Vec<String>)> {
+        let (made, added) =
+            self.changed(py, |stepper| stepper.add_model(PreparedModel::read(&file).map_err(ModelError::Load)?))?;
+        Ok((made, added.key, added.report.lines().map(|line| text::lines(line).into_owned()).collect()))
+    }
+
+    /// A world without the model, and its name; this one is empty then.
+    fn remove_model(&self, py: Python<'_>, name: &str) -> PyResult<(Self, String)> {
+        self.changed(py, |stepper| stepper.remove_model(name))
+    }
+
+    /// Names of the models, the environment first.
+    #[getter]
+    fn models(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        self.with(py, |physics| {
+            let scene = physics.stepper.simulation().scene();
+            scene.models.iter().filter(|model| !model.removed).map(|model| model.key.clone()).collect()
+        })
+    }
+
+    /// Name of the profile.
+    #[getter]
+    fn profile(&self, py: Python<'_>) -> PyResult<&'static str> {
+        self.with(py, |physics| {
+            let scene = physics.stepper.simulation().scene();
+            match (scene.preset, scene.profile) {
+                (Some(Preset::PyBullet), _) => "pybullet",
+                (_, Profile::Accurate) => "accurate",
+                _ => "legacy",
+            }
+        })
     }
 
     #[getter]
     fn joint_types(&self, py: Python<'_>) -> PyResult<Vec<&'static str>> {
         self.with(py, |physics| {
             let scene = physics.stepper.simulation().scene();
-            scene.joints.iter().map(|joint| joint.joint_type.name()).collect()
+            self.joint_ids.iter().map(|joint| scene.joints[*joint].joint_type.name()).collect()
         })
     }
 
@@ -687,6 +875,8 @@ impl World {
         self.with(py, |physics| {
             physics.stepper.restore(&state.stepper).map_err(|problem| errors::state(py, &problem))?;
             physics.requested.commanded.clone_from(&state.commanded);
+            // They may have been others then.
+            self.revision.fetch_add(1, Ordering::Relaxed);
             self.commands.restore(py, &state.commands)?;
             self.refresh(py, physics.stepper.snapshot())
         })?

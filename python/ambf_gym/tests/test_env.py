@@ -88,7 +88,8 @@ class Toy:
 
 
 def task(act, observe=(JointPositions("arm", ("a", "b")),), **more):
-    """A task that rewards the position of joint a."""
+    """A task that rewards the position of joint a; actions are in units."""
+    more = {"scaled_actions": False, **more}
     return Task(observe, act, lambda t: t.after.bodies["arm"].joint_positions["a"], **more)
 
 
@@ -210,6 +211,17 @@ class Actions(unittest.TestCase):
         self.assertEqual(len(backend.log), calls)
         self.assertFalse(env.step([0.25])[-1]["clipped"])
 
+    def test_actions_are_scaled(self):
+        """Unless the task says otherwise, -1 and 1 stand for the bounds."""
+        backend = Toy()
+        env = SimulatorEnv(backend, task((DriveJoints("arm", ("a",)),), scaled_actions=True))
+        self.assertEqual((env.action_space.low.tolist(), env.action_space.high.tolist()), ([-1.0], [1.0]))
+        env.reset(seed=0)
+        for action, position, is_clipped in ((-1, -1, False), (1, 2, False), (0, 0.5, False), (7, 2, True)):
+            observation, *_, info = env.step([action])
+            self.assertEqual((observation[0], info["clipped"]), (position, is_clipped))
+        self.assertTrue(Task((), (), lambda t: 0.0).scaled_actions)
+
     def test_increments(self):
         """They move a set point, which stays within the limits and starts anew."""
         env = SimulatorEnv(Toy(), task((DriveJoints("arm", ("a",), increment=0.4),)))
@@ -275,6 +287,38 @@ class Episodes(unittest.TestCase):
         env = SimulatorEnv(Toy(), task((), max_steps=3, terminated=lambda t: t.steps == 3))
         env.reset(seed=0)
         self.assertEqual([env.step([])[2:4] for _ in range(3)][-1], (True, False))
+
+    def test_length_of_episodes(self):
+        """As given where the environment is made."""
+        env = SimulatorEnv(Toy(), task((), max_steps=3), max_episode_steps=2)
+        env.reset(seed=0)
+        self.assertEqual([env.step([])[3] for _ in range(2)], [False, True])
+        self.assertRaises(ValueError, SimulatorEnv, Toy(), task(()), max_episode_steps=0)
+
+    def test_states_at_the_start(self):
+        """Drawn from the seed; where the backend cannot set them it is said."""
+
+        class Settable(Toy):
+            sets_states = True
+
+            def step(self, commands, steps, reset=False, state=None):
+                states = super().step(commands, steps, reset)
+                self.log[-1] = (*self.log[-1], state)
+                return states
+
+        def start(rng):
+            return {"joint_positions": {"a": rng.uniform()}}
+
+        drawn = []
+        for seed in (1, 1, 2):
+            backend = Settable()
+            SimulatorEnv(backend, task((DriveJoints("arm", ("a",)),), start=start)).reset(seed=seed)
+            self.assertEqual([entry[2] for entry in backend.log], [True, True, False])
+            self.assertIsNone(backend.log[-1][3])
+            drawn.append(backend.log[1][3]["joint_positions"]["a"])
+        self.assertTrue(drawn[0] == drawn[1] != drawn[2])
+        with self.assertRaisesRegex(InvalidDescription, "in this process only"):
+            SimulatorEnv(Toy(), task((), start=start)).reset()
 
     def test_resets(self):
         """One reset, then the time to settle; the physics is opened once, and again after a failure."""

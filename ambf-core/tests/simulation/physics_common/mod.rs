@@ -20,6 +20,11 @@ pub const HEAVY: &str = "gravity: {x: 0, y: 0, z: -10}\nmax iterations: 50\n";
 
 /// Loads the text of a world file and of model files.
 pub fn load_texts(world: &str, models: &[&str]) -> Loaded {
+    load_texts_with(world, models, &SceneOptions::default())
+}
+
+/// The same with options.
+pub fn load_texts_with(world: &str, models: &[&str], options: &SceneOptions) -> Loaded {
     static COUNT: AtomicU32 = AtomicU32::new(0);
     let name = format!("ambf_physics_{}_{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
     let folder = std::env::temp_dir().join(name);
@@ -33,7 +38,7 @@ pub fn load_texts(world: &str, models: &[&str]) -> Loaded {
         world: Some(write("world.yaml".into(), world)),
         models: models.iter().enumerate().map(|(i, text)| write(format!("m{i}.yaml"), text)).collect(),
     };
-    let loaded = load(&files, &SceneOptions::default());
+    let loaded = load(&files, options);
     std::fs::remove_dir_all(&folder).expect("removed");
     loaded
 }

@@ -13,6 +13,9 @@ print(sim.sim_time, arm.joint_positions, flange.pose)
 from __future__ import annotations
 
 from ._ambf import State
+from ._ambf import version as __version__
+from .arrays import EFFORT, FORCE, NONE, POSITION, VELOCITY
+from .batch import Batch
 from .errors import (
     AmbfError,
     BusyError,
@@ -23,14 +26,10 @@ from .errors import (
     NotFoundError,
     RenderError,
     StateError,
+    TreeError,
 )
 from .scenes import resources
 from .simulation import (
-    EFFORT,
-    FORCE,
-    NONE,
-    POSITION,
-    VELOCITY,
     Actuator,
     Body,
     Contacts,
@@ -41,6 +40,7 @@ from .simulation import (
     Viewer,
     step_all,
 )
+from .tree import Reached, Tree
 
 __all__ = [
     "EFFORT",
@@ -50,6 +50,7 @@ __all__ = [
     "VELOCITY",
     "Actuator",
     "AmbfError",
+    "Batch",
     "Body",
     "BusyError",
     "ClosedError",
@@ -60,12 +61,16 @@ __all__ = [
     "NotFoundError",
     "PassiveBody",
     "Rays",
+    "Reached",
     "RenderError",
     "Sensor",
     "Simulation",
     "State",
     "StateError",
+    "Tree",
+    "TreeError",
     "Viewer",
+    "__version__",
     "resources",
     "step_all",
 ]

@@ -61,5 +61,9 @@ class StateError(AmbfError, RuntimeError):
     """Error when a state can't be saved, because the simulation was not made for it, or restored, because it is another's."""
 
 
+class TreeError(AmbfError, ValueError):
+    """Error when bodies are no tree of revolute, prismatic and fixed joints."""
+
+
 class RenderError(AmbfError, RuntimeError):
     """Error when no picture can be drawn: OpenGL is missing or fails, or the process was forked from one that has drawn."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import atexit
-import difflib
 import operator
 import os
 import weakref
 from types import TracebackType
 from typing import (
     Any,
-    Callable,
     Dict,
     Iterable,
     List,
@@ -28,8 +26,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _ambf
-from ._ambf import State
-from .errors import NonFiniteError, NotFoundError
+from ._ambf import State, version
+from .arrays import FORCE, KINDS, NONE, POSITION, VELOCITY, Arrays
+from .errors import BusyError, ClosedError, NonFiniteError, NotFoundError
+from .names import find as _find
+from .parameters import PARAMETERS, parameter_array, split_parameters
+from .tree import Tree
 
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int8]
@@ -43,11 +45,8 @@ Values = Union[ArrayLike, Mapping[Union[str, int], ArrayLike]]
 _MOST_PIXELS = 16384
 _MOST_STEPS = 2**32 - 1
 
-NONE, FORCE, POSITION, VELOCITY = -1, 0, 1, 2
-"""Kinds of commands."""
-EFFORT = FORCE
-"""What a force is called where a joint is driven."""
-_KINDS = "NONE (-1), FORCE or EFFORT (0), POSITION (1) or VELOCITY (2)"
+_STATES = ("poses", "twists", "joint_positions", "joint_velocities", "joint_efforts", "measurements", "holding")
+_COMMANDS = ("kinds", "wrenches", "target_poses", "target_twists")
 
 
 class Contacts(NamedTuple):
@@ -65,6 +64,10 @@ class Contacts(NamedTuple):
     """(contacts) m; negative: they penetrate."""
     forces: Array
     """(contacts) normal force in the last sub-step, N, not negative."""
+    friction_forces: Array
+    """(contacts x 3) force of friction on the first body in the last sub-step, N, world axes."""
+    frictions: Array
+    """(contacts) coefficient of friction of the two bodies."""
 
 
 class Rays(NamedTuple):
@@ -80,20 +83,7 @@ class Rays(NamedTuple):
     """(rays x 3) unit normal of the surface, towards the origin, world axes; 0: nothing."""
 
 
-class _Arrays:
-    """What has arrays as attributes: assigning to one writes into it, as the simulator goes on to use the array itself."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        array = self.__dict__.get(name)
-        if not isinstance(array, np.ndarray):
-            super().__setattr__(name, value)
-        elif not array.flags.writeable:
-            raise AttributeError(f"{name} is what the simulation has measured; it can't be assigned")
-        elif value is not array:
-            _write(name, array, value)
-
-
-class Simulation(_Arrays):
+class Simulation(Arrays):
     """A scene that moves when `step` is called.
 
     **States** are arrays that the simulation writes at the end of `step`, `reset` and `restore`: they need not be asked for again,
@@ -130,8 +120,9 @@ class Simulation(_Arrays):
         launch file, else an empty one.
 
         `profile`: "legacy", "accurate" or "pybullet"; `solver`, `integrator`, `iterations`, `articulated`, `sleep`: as the options of
-        the programs. None: what the world file says, else the profile, else "legacy". `step`: interval of an iteration, s. `saving`:
-        allows `save`. `plugins`: simulator plugins, shared libraries.
+        the programs. None: what the world file says, else the profile; the profile is "accurate" unless the world file names another one
+        (that of the programs is "legacy"). `step`: interval of an iteration, s. `saving`: allows `save`. `plugins`: simulator plugins,
+        shared libraries.
 
         Raises LoadError. What of a scene had to be left out or guessed is in `warnings`.
         """
@@ -151,9 +142,15 @@ class Simulation(_Arrays):
             step,
             [os.fspath(file) for file in plugins],
         )
-        inside = self._world
-        self.warnings: Tuple[str, ...] = tuple(inside.warnings)
+        self.warnings: Tuple[str, ...] = tuple(self._world.warnings)
         """What was left out or guessed while the scene was loaded; each begins with file:line."""
+        self._handles: Dict[int, Body] = {}
+        self._bind()
+
+    def _bind(self) -> None:
+        """Takes the names and arrays of what there is."""
+        vars(self).update(dict.fromkeys((*_STATES, *_COMMANDS, *PARAMETERS)))
+        inside = self._world
         self.bodies: Tuple[str, ...] = tuple(inside.bodies)
         """Names of the bodies, in the order of the arrays; called as their topics are over ROS."""
         self.joints: Tuple[str, ...] = tuple(inside.joints)
@@ -172,6 +169,10 @@ class Simulation(_Arrays):
         """(joints) rad/s or m/s. Read-only."""
         self.joint_efforts: Array = inside.joint_efforts
         """(joints) N·m or N; 0 without `enable feedback`. Read-only."""
+        self.joint_wrenches: Array = inside.joint_wrenches
+        """(joints x 6) what each joint exerts on its child: force, N, and torque about the child's end of the joint, N·m, world axes;
+        the mean over the last sub-step. Motors, limits and springs of the joint count. Profile `legacy`: what Bullet applied, without
+        commanded efforts. Read-only."""
         self.measurements: Array = inside.measurements
         """(rays of all sensors) 0 … 1, larger is closer, 0 is nothing. Read-only. `Sensor.measurements` is a sensor's part."""
         self.holding: NDArray[np.bool_] = inside.holding
@@ -184,18 +185,67 @@ class Simulation(_Arrays):
         """(bodies x 7) position, m, and quaternion, for kind POSITION."""
         self.target_twists: Array = inside.target_twists
         """(bodies x 6) velocity, m/s, and angular velocity, rad/s, for kind VELOCITY."""
-        bodies, joints = (numbers.reshape(-1, width) for numbers, width in zip(inside.constants(), (4, 2)))
-        for numbers in (bodies, joints):
-            numbers.flags.writeable = False
-        self.masses: Array = bodies[:, 0]
-        """(bodies) kg; 0: static. Read-only."""
-        self.inertias: Array = bodies[:, 1:]
-        """(bodies x 3) principal moments of inertia about the centre of mass, kg·m². Read-only."""
-        self.joint_limits: Array = joints
-        """(joints x 2) lower and upper limit, rad or m; infinite where there is none. Read-only."""
+        self._read_parameters()
         self.joint_types: Tuple[str, ...] = tuple(inside.joint_types)
         """(joints) "revolute", "prismatic", "linear spring", "torsion spring"; and those without a coordinate: "fixed", "p2p", …"""
-        self._handles: Dict[int, Body] = {}
+        self.lights: Tuple[str, ...] = tuple(inside.lights)
+        """Names of the lights."""
+
+    def _read_parameters(self) -> None:
+        """Shows the present parameters in arrays that can't be written."""
+        for name, numbers in split_parameters(*self._world.parameters()).items():
+            numbers.flags.writeable = False
+            object.__setattr__(self, name, numbers)
+
+    masses: Array
+    """(bodies) kg; 0: static. Read-only, as all that follow: `set_parameters` changes them."""
+    inertias: Array
+    """(bodies x 3) principal moments of inertia about the centre of mass, kg·m²."""
+    frictions: Array
+    """(bodies) coefficients of friction; that of a contact is the product of both."""
+    restitutions: Array
+    """(bodies) coefficients of restitution; that of a contact is the product of both."""
+    dampings: Array
+    """(bodies x 2) shares of the linear and the angular velocity that are lost in 1 s."""
+    gravities: Array
+    """(bodies x 3) gravity that each feels, m/s²: its own, or the world's."""
+    body_gains: Array
+    """(bodies x 4) gains of the controllers of poses: linear P and D, angular P and D."""
+    joint_limits: Array
+    """(joints x 2) lower and upper limit, rad or m; infinite where there is none."""
+    joint_dampings: Array
+    """(joints) viscous damping, N·m·s/rad or N·s/m."""
+    joint_frictions: Array
+    """(joints) dry friction, N·m or N."""
+    joint_gains: Array
+    """(joints x 3) gains of the controllers of positions: P, I, D."""
+    gravity: Array
+    """(3) of the world, m/s²."""
+
+    @property
+    def profile(self) -> str:
+        """The profile that simulates: "accurate", "legacy" or "pybullet"."""
+        return self._world.profile
+
+    @property
+    def version(self) -> str:
+        """Version of the simulator; with the commit if it is known."""
+        return version
+
+    @property
+    def models(self) -> Tuple[str, ...]:
+        """Names of the models, by which they are removed; the first is the environment."""
+        return tuple(self._world.models)
+
+    def __repr__(self) -> str:
+        try:
+            what = f"{self.profile}, {len(self.models)} models"
+        except (ClosedError, BusyError) as error:
+            what = "closed" if isinstance(error, ClosedError) else "busy"
+        return (
+            f"<ambf.Simulation: {what}, {len(self.bodies)} bodies, {len(self.joints)} joints, "
+            f"{self.sim_time:.3f} s, iteration {self.sim_step}>"
+        )
 
     @property
     def sim_step(self) -> int:
@@ -246,6 +296,14 @@ class Simulation(_Arrays):
         """The actuator of that name, as `body` finds it. Raises NotFoundError."""
         return Actuator(self, _find(name, self.actuators, "actuators"))
 
+    def tree(self, body: Union[str, int]) -> Tree:
+        """The tree of bodies that hang together with `body` by joints: Jacobians, mass matrix, forces, inverse kinematics.
+
+        What stands still is the base of what hangs on it. Raises TreeError, which names the joint, if joints close a loop, or one is
+        neither revolute nor prismatic nor fixed; NotFoundError, ClosedError, BusyError.
+        """
+        return Tree(self, _find(body, self.bodies, "bodies"))
+
     def step(self, steps: int = 1) -> None:
         """Makes `steps` iterations under the commands of the arrays; 0 changes nothing.
 
@@ -288,15 +346,127 @@ class Simulation(_Arrays):
             _values("twists", twists, self.bodies, (6,)),
         )
 
+    def set_parameters(
+        self,
+        *,
+        masses: Optional[Values] = None,
+        inertias: Optional[Values] = None,
+        frictions: Optional[Values] = None,
+        restitutions: Optional[Values] = None,
+        dampings: Optional[Values] = None,
+        gravity: Optional[ArrayLike] = None,
+        gravities: Optional[Values] = None,
+        body_gains: Optional[Values] = None,
+        colors: Optional[Values] = None,
+        joint_limits: Optional[Values] = None,
+        joint_dampings: Optional[Values] = None,
+        joint_frictions: Optional[Values] = None,
+        joint_gains: Optional[Values] = None,
+    ) -> None:
+        """Changes what the scene is made of, at once; the arrays of these names show it.
+
+        Each is an array of the shape of the attribute of that name, in which NaN leaves what it stands for as it is, or a dict by
+        names (or indices): `set_parameters(masses={"block": 0.2}, frictions=sim.frictions * 1.5, gravity=(0, 0, -3.7))`. `colors` are
+        (bodies x 4): red, green, blue, opacity, 0 to 1. A mass takes its moments of inertia along, unless they are given; a body with
+        mass 0 stands still for good. `gravity` is that of all bodies that have none of their own. Velocities stay, contacts that are
+        there get new coefficients; a joint beyond its new limits returns to them. Gains act from the next command on.
+
+        `reset` keeps what was changed; `restore` brings back what was in force at `save`, but for colours. Raises ValueError, and
+        changes nothing, if a number is out of range or of the wrong shape, or a body or joint can't have it; NotFoundError,
+        ClosedError, BusyError.
+        """
+        given = {
+            "masses": masses,
+            "inertias": inertias,
+            "frictions": frictions,
+            "restitutions": restitutions,
+            "dampings": dampings,
+            "gravity": gravity,
+            "gravities": gravities,
+            "body_gains": body_gains,
+            "colors": colors,
+            "joint_limits": joint_limits,
+            "joint_dampings": joint_dampings,
+            "joint_frictions": joint_frictions,
+            "joint_gains": joint_gains,
+        }
+        flat = []
+        for name, values in given.items():
+            if values is None:
+                continue
+            names = () if name == "gravity" else self.joints if name.startswith("joint_") else self.bodies
+            flat.append((name, parameter_array(name, values, names).ravel().tolist()))
+        self._world.set_parameters(flat)
+        self._read_parameters()
+
+    def place_camera(self, camera: Camera, pose: ArrayLike) -> None:
+        """Puts a camera at a pose (7: position, m, and quaternion x, y, z, w; world). It looks along its -x axis, +z is up. A reset
+        returns it. Raises ValueError, NotFoundError, ClosedError, BusyError.
+        """
+        self._world.place_camera(self._camera(camera), _pose(pose))
+
+    def place_light(self, light: Union[str, int], pose: ArrayLike) -> None:
+        """Puts a light at a pose, as `place_camera` does. It shines along its +x axis."""
+        self._world.place_light(_find(light, self.lights, "lights"), _pose(pose))
+
+    def add_model(self, path: Path) -> str:
+        """Adds what a model file (ADF or URDF) describes to the running simulation; the name of the model.
+
+        What is there keeps its state, its commands and its order; as after `set_state`, the state before the commands of the next
+        iteration is shown. Arrays are new ones: those of the simulation, and of its bodies
+        that `body` returned, are replaced; handles of sensors and trees are to be asked for again. What was left out or guessed is
+        added to `warnings`. States that were saved before can't be restored. A reset keeps the model, at its start. Raises LoadError,
+        and nothing has changed; ClosedError, BusyError.
+        """
+        before = self._world
+        self._world, name, report = before.add_model(os.fspath(path))
+        self.warnings = (*self.warnings, *report)
+        self._rebind(before)
+        return name
+
+    def remove_model(self, name: str) -> str:
+        """Removes the model of that name, or the only one whose name contains it, with all that hangs on it; its name.
+
+        Arrays are new ones, as after `add_model`; those of handles of what is gone keep their numbers and command nothing. Raises
+        NotFoundError, also for the environment; ClosedError, BusyError.
+        """
+        before = self._world
+        self._world, removed = before.remove_model(name)
+        self._rebind(before)
+        return removed
+
+    def _rebind(self, before: _ambf.World) -> None:
+        """Takes names, arrays, commands and handles over from the world before."""
+        old, handles = self.bodies, list(self._handles.values())
+        commands = {name: vars(self)[name] for name in _COMMANDS}
+        self._bind()
+        places = {name: place for place, name in enumerate(self.bodies)}
+        kept = [(index, places[name]) for index, name in enumerate(old) if name in places]
+        for name, array in commands.items():
+            for index, place in kept:
+                vars(self)[name][place] = array[index]
+        self._handles.clear()
+        for handle in handles:
+            if handle.name in places:
+                place = places[handle.name]
+                kinds, values, joints = handle.joint_kinds, handle.joint_commands, handle.joints
+                handle._bind(self, place)
+                for joint, kind, value in zip(joints, kinds, values):
+                    if joint in handle.joints:
+                        index = handle.joints.index(joint)
+                        handle.joint_kinds[index], handle.joint_commands[index] = kind, value
+                self._handles[place] = handle
+
     def contacts(self) -> Contacts:
         """All contact points between bodies, as of the last sub-step; those whose distance is positive do not touch yet.
 
         Raises ClosedError, BusyError.
         """
         rows, names, numbers = self._world.contacts()
-        table = numbers.reshape(-1, 8)
+        table = numbers.reshape(-1, 12)
         bodies = np.array(rows, dtype=np.intp).reshape(-1, 2)
-        return Contacts(bodies, tuple(names), table[:, :3], table[:, 3:6], table[:, 6], table[:, 7])
+        parts = (table[:, :3], table[:, 3:6], table[:, 6], table[:, 7], table[:, 8:11], table[:, 11])
+        return Contacts(bodies, tuple(names), *parts)
 
     def cast_rays(self, origins: ArrayLike, directions: ArrayLike, length: float = 100.0) -> Rays:
         """What rays meet first: `origins` and `directions` are (rays x 3) or (3), world axes, m; a direction has any length above 0.
@@ -329,6 +499,7 @@ class Simulation(_Arrays):
         Raises StateError if another simulation has saved it. What plugins keep for themselves is not part of it.
         """
         self._world.restore(state)
+        self._read_parameters()
 
     def set_energy_ledger(self, enabled: bool) -> None:
         """Switches the energy ledger on, with all sums at 0, or off. It is off at first. It changes no motion."""
@@ -529,10 +700,14 @@ class PassiveBody:
         return state
 
 
-class Body(_Arrays):
+class Body(Arrays):
     """A body of a simulation and the joints below it. Its arrays are rows of those of the simulation."""
 
     def __init__(self, simulation: Simulation, index: int) -> None:
+        self._bind(simulation, index)
+
+    def _bind(self, simulation: Simulation, index: int) -> None:
+        vars(self).clear()
         self.simulation = simulation
         self.index = index
         """Row in the arrays of bodies."""
@@ -556,6 +731,9 @@ class Body(_Arrays):
         self.joint_commands: Array
         self.joint_kinds, self.joint_commands = simulation._world.joint_commands(index)
 
+    def __repr__(self) -> str:
+        return f"<ambf.Body: {self.name}, {len(self.joints)} joints below, at {self.pose[:3].round(4).tolist()} m>"
+
     @property
     def kind(self) -> int:
         """How the body is commanded: NONE, FORCE, POSITION or VELOCITY."""
@@ -564,7 +742,7 @@ class Body(_Arrays):
     @kind.setter
     def kind(self, kind: int) -> None:
         if kind not in (NONE, FORCE, POSITION, VELOCITY):
-            raise ValueError(f"kind: {kind} is no kind of command; expected {_KINDS}")
+            raise ValueError(f"kind: {kind} is no kind of command; expected {KINDS}")
         self.simulation.kinds[self.index] = kind
 
     @property
@@ -582,8 +760,13 @@ class Body(_Arrays):
         """(joints below) N·m or N: a copy."""
         return self.simulation.joint_efforts[self.joint_indices]
 
+    @property
+    def joint_wrenches(self) -> Array:
+        """(joints below x 6) N and N·m: see `Simulation.joint_wrenches`. A copy."""
+        return self.simulation.joint_wrenches[self.joint_indices]
 
-class Sensor(_Arrays):
+
+class Sensor(Arrays):
     """A sensor of a simulation."""
 
     def __init__(self, simulation: Simulation, index: int) -> None:
@@ -593,6 +776,9 @@ class Sensor(_Arrays):
         begin, end = simulation._world.sensor_rays(index)
         self.measurements: Array = simulation.measurements[begin:end]
         """(rays) 0 … 1, larger is closer, 0 is nothing. Read-only. Contact sensors have no rays: `readings` tells theirs."""
+
+    def __repr__(self) -> str:
+        return f"<ambf.Sensor: {self.name}, {len(self.measurements)} rays>"
 
     def readings(self) -> Tuple[Array, Tuple[str, ...]]:
         """One number and one name a ray, or a contact (normal force, N): measurement, and body that is seen; "" for none."""
@@ -607,6 +793,9 @@ class Actuator:
         self.simulation = simulation
         self.index = index
         self.name = simulation.actuators[index]
+
+    def __repr__(self) -> str:
+        return f"<ambf.Actuator: {self.name}, {'holds something' if self.holding else 'holds nothing'}>"
 
     @property
     def holding(self) -> bool:
@@ -661,24 +850,6 @@ def _steps(steps: int) -> int:
     return number
 
 
-def _write(name: str, array: NDArray[Any], values: Any) -> None:
-    """Writes `values` into an array of commands, or nothing if they are of another shape or can't be commands."""
-    numbers = np.asarray(values)
-    try:
-        numbers = np.broadcast_to(numbers, array.shape)
-    except ValueError:
-        raise ValueError(f"{name}: expected {array.shape} numbers, not {numbers.shape}") from None
-    if array.dtype == np.int8:
-        wrong = numbers[(numbers != NONE) & (numbers != FORCE) & (numbers != POSITION) & (numbers != VELOCITY)]
-        if wrong.size:
-            raise ValueError(f"{name}: {wrong.flat[0]} is no kind of command; expected {_KINDS}")
-    elif not np.isfinite(numbers).all():
-        raise ValueError(f"{name}: a command is not finite")
-    elif array.shape[-1:] == (7,) and not numbers[..., 3:].any(axis=-1).all():
-        raise ValueError(f"{name}: a quaternion (x, y, z, w) is zero, which is no orientation")
-    array[...] = numbers
-
-
 def _values(what: str, values: Optional[Values], names: Sequence[str], shape: Tuple[int, ...]) -> Optional[List[Any]]:
     """An array of values by the order of `names`, NaN where there is none."""
     if values is None:
@@ -706,34 +877,15 @@ def _values(what: str, values: Optional[Values], names: Sequence[str], shape: Tu
     return listed
 
 
+def _pose(values: ArrayLike) -> List[float]:
+    numbers = np.asarray(values, dtype=np.float64)
+    if numbers.shape != (7,):
+        raise ValueError(f"a pose: expected 7 numbers (position, quaternion x, y, z, w), not {numbers.shape}")
+    listed: List[float] = numbers.tolist()
+    return listed
+
+
 def _pixels(what: str, number: Optional[int]) -> Optional[int]:
     if number is not None and not 1 <= number <= _MOST_PIXELS:
         raise ValueError(f"{what}={number}: expected 1 to {_MOST_PIXELS} pixels")
     return None if number is None else int(number)
-
-
-def _find(name: Union[str, int], names: Sequence[str], what: str) -> int:
-    if not isinstance(name, str):
-        if not 0 <= name < len(names):
-            listed = f"{len(names)} (0 to {len(names) - 1})" if names else "none"
-            raise NotFoundError(f"there is no number {name} of the {what}: there are {listed}")
-        return int(name)
-    if not names:
-        raise NotFoundError(f'"{name}" is not there: there are no {what}')
-    end = name if name.startswith("/") else f"/{name}"
-    fits: Tuple[Callable[[str], bool], ...] = (
-        name.__eq__,
-        lambda other: other.endswith(end),
-        lambda other: name in other,
-    )
-    for is_meant in fits:
-        found = [index for index, other in enumerate(names) if is_meant(other)]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            raise NotFoundError(
-                f'"{name}" is the name or part of the name of several {what}: {", ".join(names[i] for i in found)}'
-            )
-    near = difflib.get_close_matches(name, [other.rsplit("/", 1)[-1] for other in names], 3)
-    hint = f"; near it: {', '.join(near)}" if near else ""
-    raise NotFoundError(f'"{name}" is the name or part of the name of none of the {what}{hint}')

@@ -64,9 +64,10 @@ __all__ = [
     "Twist",
 ]
 
-for _name, _function in (("Reach", "reach"), ("Lift", "lift"), ("PegTransfer", "peg_transfer")):
+for _name, _function, _steps in (("Reach", "reach", 50), ("Lift", "lift", 200), ("PegTransfer", "peg_transfer", 3600)):
     gymnasium.register(
         f"ambf/{_name}-v0",
+        max_episode_steps=_steps,
         entry_point=f"ambf_gym.tasks:make_{_function}",
         vector_entry_point=f"ambf_gym.tasks:make_{_function}_vec",
     )

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import dataclass, field
-from typing import Any, Dict, Mapping, NoReturn, Optional, Protocol, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Dict, Mapping, NoReturn, Optional, Protocol, Sequence, Tuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,13 @@ class Commands:
     actuators: Dict[str, HoldCommand] = field(default_factory=dict)
 
 
+@dataclass
+class Prepared(Commands):
+    """Commands that a backend has compiled: what is in force stays, and `write` changes what differs."""
+
+    write: Callable[[], None] = field(default=lambda: None)
+
+
 @dataclass(frozen=True)
 class BodyState:
     """State of a body, world axes."""
@@ -116,6 +123,8 @@ class States:
     sensors: Dict[str, SensorState]
     actuators: Dict[str, bool]
     """Whether they hold something."""
+    flat: Optional[Array] = field(default=None, repr=False, compare=False)
+    """All numbers in the order of `gather.Layout`, where the backend has them."""
 
     def __post_init__(self) -> None:
         for what in ("body", "sensor", "actuator"):
@@ -163,11 +172,6 @@ class Backend(Protocol):
         """Puts `commands` in force, makes `steps` (1 or more) iterations and observes. With `reset` all returns to the start first.
 
         Raises StepMismatch if another number of iterations was made.
-        """
-
-    def place(self, poses: Mapping[str, Sequence[float]]) -> None:
-        """Puts observed bodies, which hang on no joint, at poses (position, m, and quaternion x, y, z, w) in the next `step`, after its
-        reset. Raises InvalidDescription if the backend can't.
         """
 
     def close(self) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Callable, Dict, Generator, List, Mapping, NamedTuple, Op
 import gymnasium
 import numpy as np
 
-from .backend import Array, Backend, Commands, Named, Pixels, States, plain
+from .backend import Array, Backend, Commands, Named, Pixels, Prepared, States, plain
 from .errors import InvalidAction, InvalidDescription, NotObserved
 from .parts import ActionPart, ObservationPart
 
@@ -27,6 +27,8 @@ class Order(NamedTuple):
     commands: Commands
     steps: int
     reset: bool
+    state: Optional[Mapping[str, Any]] = None
+    """What the reset is followed by: arguments of `ambf.Simulation.set_state`."""
 
 
 Course = Generator[Order, States, Result]
@@ -52,6 +54,11 @@ def _no_goal(rng: np.random.Generator) -> Array:
     return np.zeros(0)
 
 
+def _no_start(rng: np.random.Generator) -> Mapping[str, Any]:
+    del rng
+    return {}
+
+
 def _never(transition: Transition) -> bool:
     del transition
     return False
@@ -68,8 +75,9 @@ class Task:
     """Whether the episode has come to an end of its own: success or failure."""
     goal: Callable[[np.random.Generator], Array] = _no_goal
     """Draws a goal at the start of an episode; it is the last part of the observation."""
-    start: Optional[Callable[[np.random.Generator], Mapping[str, Sequence[float]]]] = None
-    """Draws where bodies are at the start of an episode: position, m, and quaternion x, y, z, w. Only in this process."""
+    start: Callable[[np.random.Generator], Mapping[str, Any]] = _no_start
+    """Draws the state in which an episode begins, after the goal: arguments of `ambf.Simulation.set_state`, such as
+    `{"joint_positions": {"elbow": rng.uniform(-1, 1)}}`. In this process only."""
     goal_size: int = 0
     """How many numbers `goal` returns."""
     also: Callable[[Commands], None] = field(default=lambda commands: None)
@@ -77,7 +85,9 @@ class Task:
     info: Callable[[Transition], Info] = field(default=lambda transition: {})
     """More about a step, for example `is_success`."""
     max_steps: int = 200
-    """Steps after which an episode is truncated."""
+    """Steps after which an episode is truncated, unless `max_episode_steps` says otherwise where the environment is made."""
+    scaled_actions: bool = True
+    """Actions lie between -1 and 1, which stand for the bounds of the parts; else they are in the units of the parts."""
     n_skip_steps: int = 10
     """Physics iterations of a step: with the usual 1 ms, 10 are 100 steps a simulated second."""
     settle_steps: int = 1
@@ -105,6 +115,7 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         width: Optional[int] = None,
         height: Optional[int] = None,
         pixels: Union[Pixels, Sequence[Pixels]] = (),
+        max_episode_steps: Optional[int] = None,
     ) -> None:
         """`render_mode`: "rgb_array": `render` returns what `camera` sees, (height x width x 3) uint8; "human": windows show the
         simulation in real time. `camera`: name, or a part of it that is unique; the first if None. `width`, `height`: pixels; what the
@@ -113,8 +124,13 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         `pixels`: cameras whose pictures are observed. Observations are then a dict: `"state"`, the vector that is observed otherwise (if
         it is not empty), and what `Pixels` says.
 
+        `max_episode_steps`: steps after which an episode is truncated; those of the task if None.
+
         Raises InvalidDescription if the task lacks bounds that the scene does not tell.
         """
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise ValueError(f"max_episode_steps={max_episode_steps}: expected 1 or more")
+        self._most_steps = max_episode_steps
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode={render_mode!r}: expected one of {self.metadata['render_modes']}, or None")
         if task.n_skip_steps < 1 or task.settle_steps < 1 or task.max_steps < 1:
@@ -128,7 +144,9 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         low, high, _ = _stack([part.bounds(limits) for part in self._task.observe])
         infinite = np.full(task.goal_size, np.inf)
         low, high = np.concatenate((low, -infinite)), np.concatenate((high, infinite))
-        self.action_space = gymnasium.spaces.Box(self._low.astype(np.float32), self._high.astype(np.float32))
+        self.action_space = action_space(self._low, self._high, task.scaled_actions)
+        self._gather: Optional[Any] = None
+        self._writers: Optional[List[Callable[[Array], None]]] = None
         state = gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32))
         self._pixels = (pixels,) if isinstance(pixels, Pixels) else tuple(pixels)
         self._has_state = len(low) > 0 or not self._pixels
@@ -182,9 +200,13 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
             self._open()
             # How things are at the start: what a reset returns to.
             self._start = yield Order(Commands(), 1, True)
-        if self._task.start is not None:
-            self._backend.place(self._task.start(self.np_random))
-        states = yield Order(self._rest(self._start), 1, True)
+        start = self._task.start(self.np_random)
+        if start:
+            # What keeps things as they are there is seen when they are there.
+            states = yield Order(Commands(), 1, True, start)
+            states = yield Order(self._rest(states), 1, False)
+        else:
+            states = yield Order(self._rest(self._start), 1, True)
         for part in self._task.act:
             part.start(states)
         if self._task.settle_steps > 1:
@@ -200,21 +222,39 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         if before is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         wanted = self.checked(action)
-        applied = np.clip(wanted, self._low, self._high)
-        commands = Commands()
-        self._task.also(commands)
-        for part, piece in zip(self._task.act, self._slices):
-            part.write(applied[piece], commands)
-        after = yield Order(commands, self._task.n_skip_steps, False)
+        applied, is_clipped = apply_bounds(wanted, self._low, self._high, self._task.scaled_actions)
+        after = yield Order(self._commands(applied), self._task.n_skip_steps, False)
         self._states = after
         self._steps += 1
         transition = Transition(before, after, applied, self._goal, self._steps)
         iterations = (after.sim_step - self._first_step) % 2**32
-        info: Info = {"iterations": iterations, "clipped": bool((applied != wanted).any())}
+        info: Info = {"iterations": iterations, "clipped": is_clipped}
         info.update(self._task.info(transition))
         terminated = bool(self._task.terminated(transition))
-        truncated = not terminated and self._steps >= self._task.max_steps
+        truncated = not terminated and self._steps >= self.max_episode_steps
         return self._observation(after), float(self._task.reward(transition)), terminated, truncated, info
+
+    @property
+    def max_episode_steps(self) -> int:
+        """Steps after which an episode is truncated: as given, else those of the registered environment, else those of the task."""
+        given = self._most_steps or (self.spec.max_episode_steps if self.spec is not None else None)
+        return given or self._task.max_steps
+
+    def _commands(self, applied: Array) -> Commands:
+        """An action as commands. Those that are always the same are in force since the reset where the backend has compiled parts."""
+        if self._writers is not None:
+            writers = self._writers
+
+            def write() -> None:
+                for writer, piece in zip(writers, self._slices):
+                    writer(applied[piece])
+
+            return Prepared(write=write)
+        commands = Commands()
+        self._task.also(commands)
+        for part, piece in zip(self._task.act, self._slices):
+            part.write(applied[piece], commands)
+        return commands
 
     def checked(self, action: Any) -> Array:
         """An action as an array of numbers. Raises InvalidAction."""
@@ -268,6 +308,9 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
             except NotObserved as error:
                 self._backend.close()
                 raise InvalidDescription(str(error)) from None
+        gather, writers = getattr(self._backend, "gather", None), getattr(self._backend, "writers", None)
+        self._gather = gather and gather(self._task.observe)
+        self._writers = writers and writers(self._task.act)
         self._is_open = True
 
     def _names(self) -> Tuple[Sequence[str], Sequence[str], Sequence[str]]:
@@ -295,8 +338,13 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         try:
             order = next(course)
             while True:
+                state: Dict[str, Any] = {}
+                if order.state:
+                    if not getattr(self._backend, "sets_states", False):
+                        raise InvalidDescription("Task.start: states are set in this process only, not over ROS")
+                    state["state"] = order.state
                 try:
-                    states = self._backend.step(order.commands, order.steps, order.reset)
+                    states = self._backend.step(order.commands, order.steps, order.reset, **state)
                 except BaseException:
                     self.close()
                     raise
@@ -306,7 +354,10 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
             return result
 
     def _observation(self, states: States) -> Observation:
-        parts = [part.read(states) for part in self._task.observe]
+        if self._gather is not None and states.flat is not None:
+            parts = [self._gather.observe(states.flat)]
+        else:
+            parts = [part.read(states) for part in self._task.observe]
         state = np.concatenate((*parts, self._goal)).astype(np.float32)
         if not self._pixels:
             return state
@@ -319,6 +370,23 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
                 depth = np.minimum(picture["depth"], np.float32(view.depth_limit))
                 observation[f"{view.name}_depth"] = depth[:, :, np.newaxis]
         return observation
+
+
+def action_space(low: Array, high: Array, is_scaled: bool) -> gymnasium.spaces.Box:
+    """Between the bounds, or between -1 and 1, which stand for them."""
+    if is_scaled:
+        return gymnasium.spaces.Box(-1.0, 1.0, low.shape, np.float32)
+    return gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32))
+
+
+def apply_bounds(wanted: Array, low: Array, high: Array, is_scaled: bool) -> Tuple[Array, bool]:
+    """(… x size) actions in the units of the parts and within the bounds; and whether some were beyond."""
+    if is_scaled:
+        scaled = np.minimum(np.maximum(wanted, -1.0), 1.0)
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        return np.minimum(np.maximum(middle + half * scaled, low), high), bool((scaled != wanted).any())
+    applied = np.minimum(np.maximum(wanted, low), high)
+    return applied, bool((applied != wanted).any())
 
 
 def _with_pixels(state: Optional[gymnasium.spaces.Box], pixels: Sequence[Pixels]) -> gymnasium.spaces.Space[Any]:

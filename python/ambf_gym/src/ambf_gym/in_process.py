@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any, Dict, List, Mapping, NoReturn, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NoReturn, Optional, Sequence, Tuple
 
 import ambf
 import numpy as np
@@ -13,18 +13,18 @@ from .backend import (
     POSITION,
     Array,
     BodyCommand,
-    BodyState,
     Commands,
     Named,
     Picture,
+    Prepared,
     SensorState,
     States,
     plain,
 )
 from .errors import InvalidDescription, SimulatorFailed, StepMismatch
+from .gather import Gather, Layout, SeenBody, columns_by_name, narrow
+from .parts import DriveBody, DriveJoints, Hold
 from .scene import Scene, resources
-
-_LARGEST = float(np.finfo(np.float32).max)
 
 
 class InProcessBackend:
@@ -43,7 +43,7 @@ class InProcessBackend:
         self._actuators: Dict[str, ambf.Actuator] = {}
         self._sim_step = -1
         self._is_shown = False
-        self._poses: Dict[str, Sequence[float]] = {}
+        self.layout = Layout(0, 0)
 
     @property
     def interval(self) -> float:
@@ -79,6 +79,8 @@ class InProcessBackend:
             body.handle.kind = FORCE
         simulation.step(1)
         self._sim_step = simulation.sim_step
+        counts = (simulation.bodies, simulation.joints, simulation.measurements, simulation.actuators)
+        self.layout = Layout(*map(len, counts))
         if self._is_shown:
             try:
                 simulation.view()
@@ -87,20 +89,30 @@ class InProcessBackend:
                 raise
         return {name: body.names for name, body in self._bodies.items()}
 
-    def step(self, commands: Commands, steps: int, reset: bool = False) -> States:
-        """See `Backend.step`. Raises ambf.NonFiniteError and ambf.InvalidCommand too."""
-        self.prepare(commands, reset)
+    sets_states = True
+    """`step` takes states."""
+
+    def step(
+        self, commands: Commands, steps: int, reset: bool = False, state: Optional[Mapping[str, Any]] = None
+    ) -> States:
+        """See `Backend.step`; `state`: arguments of `ambf.Simulation.set_state`, after the reset.
+
+        Raises ambf.NonFiniteError, ambf.InvalidCommand and what `set_state` raises too.
+        """
+        self.prepare(commands, reset, state)
         self.simulation.step(steps)
         return self.observe(steps)
 
-    def prepare(self, commands: Commands, reset: bool = False) -> None:
+    def prepare(self, commands: Commands, reset: bool = False, state: Optional[Mapping[str, Any]] = None) -> None:
         """What `step` does before the iterations; whoever uses this makes them."""
         simulation = self.simulation
+        if isinstance(commands, Prepared):
+            commands.write()
+            return
         if reset:
             simulation.reset()
-        if self._poses:
-            simulation.set_state(poses={self._bodies[name].handle.name: pose for name, pose in self._poses.items()})
-            self._poses = {}
+        if state:
+            simulation.set_state(**state)
         for name, command in commands.bodies.items():
             self._bodies[name].command(command)
         for name, hold in commands.actuators.items():
@@ -120,17 +132,86 @@ class InProcessBackend:
             raise StepMismatch(
                 f"step {self._sim_step} was reached instead of {expected}: somebody else steps the simulation"
             )
+        flat = self._flat()
         return States(
             sim_step=self._sim_step,
             sim_time=simulation.sim_time,
-            bodies={name: body.state() for name, body in self._bodies.items()},
+            bodies={name: body.state(flat, self.layout) for name, body in self._bodies.items()},
             sensors={name: _sensor_state(sensor) for name, sensor in self._sensors.items()},
             actuators={name: actuator.holding for name, actuator in self._actuators.items()},
+            flat=flat,
         )
 
-    def place(self, poses: Mapping[str, Sequence[float]]) -> None:
-        """See `Backend.place`."""
-        self._poses = dict(poses)
+    def _flat(self) -> Array:
+        """All states as one array; see `gather.Layout`."""
+        s = self.simulation
+        single = narrow(np.concatenate((s.joint_positions, s.joint_velocities, s.joint_efforts, s.measurements)))
+        return np.concatenate((s.poses.ravel(), s.twists.ravel(), single, s.holding, (0.0,)))
+
+    def gather(self, parts: Sequence[Any]) -> Optional[Gather]:
+        """What the parts observe as places in `States.flat`; None if there are parts of other kinds."""
+        try:
+            return Gather(parts, self)
+        except LookupError:
+            return None
+
+    def body(self, name: str) -> int:
+        """See `gather.Finder`."""
+        return self._bodies[name].handle.index
+
+    def joints(self, body: str) -> Dict[str, int]:
+        """See `gather.Finder`."""
+        handle = self._bodies[body].handle
+        return columns_by_name(handle.joints, handle.joint_indices.tolist(), body)
+
+    def rays(self, sensor: str) -> Tuple[int, int]:
+        """See `gather.Finder`."""
+        begin = 0
+        for index in range(self._sensors[sensor].index):
+            begin += len(self.simulation.sensor(index).measurements)
+        return begin, begin + len(self._sensors[sensor].measurements)
+
+    def actuator(self, name: str) -> int:
+        """See `gather.Finder`."""
+        return self._actuators[name].index
+
+    def writers(self, parts: Sequence[Any]) -> Optional[List[Callable[[Array], None]]]:
+        """For each part what writes its action over the commands that are in force; None if there are parts of other kinds."""
+        makers: Dict[Any, Callable[[Any], Callable[[Array], None]]] = {
+            DriveJoints: self._joint_writer,
+            DriveBody: self._body_writer,
+            Hold: self._hold_writer,
+        }
+        if not all(type(part) in makers for part in parts):
+            return None
+        return [makers[type(part)](part) for part in parts]
+
+    def _joint_writer(self, part: DriveJoints) -> Callable[[Array], None]:
+        body = self._bodies[part.body]
+        places = np.array([body.places[plain(joint)] for joint in part.joints], dtype=np.intp)
+        commands = body.handle.joint_commands
+
+        def write(values: Array) -> None:
+            commands[places] = part.targets(values).astype(np.float32)
+
+        return write
+
+    def _body_writer(self, part: DriveBody) -> Callable[[Array], None]:
+        body = self._bodies[part.body].handle
+        target = {"force": body.wrench, "velocity": body.target_twist, "position": body.target_pose}[part.mode]
+
+        def write(values: Array) -> None:
+            target[: part.size] = values[: part.size]
+
+        return write
+
+    def _hold_writer(self, part: Hold) -> Callable[[Array], None]:
+        def write(values: Array) -> None:
+            commands = Commands()
+            part.write(values, commands)
+            self.prepare(commands)
+
+        return write
 
     def render(
         self, camera: Optional[str], width: Optional[int], height: Optional[int], rgb: bool, depth: bool
@@ -162,7 +243,8 @@ class _Body:
         self.names = [plain(name) for name in handle.joints]
         # The first of those of the same name.
         places = {name: place for place, name in reversed(list(enumerate(self.names)))}
-        self._places = Named(f"joint of {handle.name}", places)
+        self.places = Named(f"joint of {handle.name}", places)
+        self._columns = list(zip(self.names, handle.joint_indices.tolist()))
 
     def command(self, command: BodyCommand) -> None:
         body = self.handle
@@ -176,34 +258,19 @@ class _Body:
         if command.joints:
             # Joints before the last one that is commanded are told to do nothing, as over ROS.
             body.joint_kinds[:], body.joint_commands[:] = ambf.NONE, 0.0
-            last = max(self._places[name] for name in command.joints) + 1
+            last = max(self.places[name] for name in command.joints) + 1
             body.joint_kinds[:last] = ambf.EFFORT
             for name, (kind, value) in command.joints.items():
-                place = self._places[name]
+                place = self.places[name]
                 body.joint_kinds[place], body.joint_commands[place] = kind, np.float32(value)
 
-    def state(self) -> BodyState:
-        body = self.handle
-        pose, twist = body.pose.copy(), body.twist.copy()
-        return BodyState(
-            position=pose[:3],
-            rotation=pose[3:],
-            linear_velocity=twist[:3],
-            angular_velocity=twist[3:],
-            joint_positions=dict(zip(self.names, _narrow(body.joint_positions))),
-            joint_velocities=dict(zip(self.names, _narrow(body.joint_velocities))),
-            joint_efforts=dict(zip(self.names, _narrow(body.joint_efforts))),
-        )
+    def state(self, flat: Array, layout: Layout) -> SeenBody:
+        return SeenBody(flat, layout, self.handle.index, self._columns)
 
 
 def _sensor_state(sensor: ambf.Sensor) -> SensorState:
     measured, seen = sensor.readings()
-    return SensorState(measurement=np.array(_narrow(measured), dtype=np.float64), sensed=seen)
-
-
-def _narrow(values: Array) -> List[float]:
-    """In single precision; what is too large becomes the largest number, not infinite."""
-    return [float(value) for value in np.clip(values, -_LARGEST, _LARGEST).astype(np.float32)]
+    return SensorState(measurement=narrow(measured), sensed=seen)
 
 
 class _Parser(argparse.ArgumentParser):

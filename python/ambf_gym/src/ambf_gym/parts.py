@@ -253,10 +253,14 @@ class DriveJoints:
 
     def write(self, values: Array, commands: Commands) -> None:
         """One number a joint."""
-        if self.increment is not None:
-            self._set_point = np.clip(self._set_point + values, self._low, self._high)
-            values = self._set_point
-        self._put(values, commands)
+        self._put(self.targets(values), commands)
+
+    def targets(self, values: Array) -> Array:
+        """What the joints are told; increments move the set point."""
+        if self.increment is None:
+            return values
+        self._set_point = np.minimum(np.maximum(self._set_point + values, self._low), self._high)
+        return self._set_point
 
     def rest(self, states: States, commands: Commands) -> None:
         """Positions as they are; velocity and effort zero."""

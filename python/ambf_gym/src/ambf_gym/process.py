@@ -77,7 +77,7 @@ class SimulatorProcess:
             "--launch_file",
             launch,
         ]
-        command += ["-a", ",".join(scene.model_files()), *scene.options]
+        command += ["-a", ",".join(scene.model_files()), *scene.profile_options(), *scene.options]
         self._process = subprocess.Popen(
             ["/bin/sh", "-c", _GUARD, "ambf_gym", *command],
             stdin=subprocess.PIPE,

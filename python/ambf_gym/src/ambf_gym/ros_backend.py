@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from ambf_client import Actuator, Client, ClientError, ObjectNotFound, RigidBody, Sensor, World
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3, Wrench
@@ -175,10 +175,6 @@ class RosBackend:
         handles: List[Any] = [*self._bodies.values(), *self._sensors.values(), *self._actuators.values()]
         stamps = [handle._state.header.stamp for handle in handles]
         return self._pictures.take(camera, (width, height), rgb, depth, max(stamps, default=None), self._timeout)
-
-    def place(self, poses: Mapping[str, Sequence[float]]) -> None:
-        """Raises InvalidDescription: over ROS nothing can be put anywhere at once."""
-        raise InvalidDescription(f'{", ".join(poses)}: only backend="process" puts bodies where an episode begins')
 
     def show(self) -> None:
         """See `Backend.show`; a simulator that is attached to has the windows that it has."""

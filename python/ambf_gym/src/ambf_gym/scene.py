@@ -51,6 +51,24 @@ class Scene:
             raise InvalidDescription("options of the scene: frequency and speed factor are above 0")
         return float(found.sim_speed_factor / found.phx_frequency)
 
+    def profile_options(self) -> Tuple[str, ...]:
+        """Options with which the program has the profile that `ambf.Simulation` has: "accurate", unless the options or the world file
+        name another one.
+        """
+        if any(option.split("=")[0] == "--profile" for option in self.options) or self._world_has_profile():
+            return ()
+        return ("--profile", "accurate")
+
+    def _world_has_profile(self) -> bool:
+        launch = Path(self.launch_file) if self.launch_file else resources() / "launch.yaml"
+        try:
+            world = (yaml.safe_load(launch.read_text()) or {}).get("world config")
+            physics = (yaml.safe_load((launch.parent / str(world)).read_text()) or {}).get("physics") or {}
+            return physics.get("profile") is not None
+        except (OSError, AttributeError, yaml.YAMLError):
+            # The simulator says what is wrong with them.
+            return False
+
     def joint_limits(self) -> Limits:
         """Limits of all joints that have some, rad or m, by name without blanks."""
         limits: Limits = {}

@@ -39,6 +39,7 @@ class InProcessVectorEnv(SyncVectorEnv):
         width: Optional[int] = None,
         height: Optional[int] = None,
         pixels: Union[Pixels, Sequence[Pixels]] = (),
+        max_episode_steps: Optional[int] = None,
     ) -> None:
         """`render_mode`, "rgb_array" or None, and what follows: as those of `SimulatorEnv`; pictures are drawn on threads too.
 
@@ -52,6 +53,7 @@ class InProcessVectorEnv(SyncVectorEnv):
                 "render_mode='human' shows one world: make a single environment with it, or use 'rgb_array'"
             )
         view: Dict[str, Any] = {"camera": camera, "width": width, "height": height, "pixels": pixels}
+        view["max_episode_steps"] = max_episode_steps
         self._lanes = [_Lane(SimulatorEnv(backend, task, render_mode, **view)) for backend in self._backends]
         # Pictures are drawn side by side; what is only numbers is not worth a thread.
         self._draws = bool(pixels)
@@ -124,7 +126,7 @@ class InProcessVectorEnv(SyncVectorEnv):
                 self._advance(orders, i, course, None)
             while orders:
                 for i, order in orders.items():
-                    self._backends[i].prepare(order.commands, order.reset)
+                    self._backends[i].prepare(order.commands, order.reset, order.state)
                 simulations = [self._backends[i].simulation for i in orders]
                 ambf.step_all(simulations, [order.steps for order in orders.values()])
                 done = list(orders.items())

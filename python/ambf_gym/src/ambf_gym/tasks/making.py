@@ -18,7 +18,7 @@ OPTIONS = """
 
 `backend`: "process", in this process with the package `ambf`; "ros", over ROS in a simulator of its own; or a `Backend`. None: in this
 process if the package `ambf` is installed, else over ROS. `in_process`: True is "process", False "ros". `render_mode`, `camera`, `width`,
-`height`, `pixels`: as those of `SimulatorEnv`. Others are options of `RosBackend`.
+`height`, `pixels`, `max_episode_steps`: as those of `SimulatorEnv`. Others are options of `RosBackend`.
 """
 
 
@@ -36,10 +36,12 @@ def makers(
         width: Optional[int] = None,
         height: Optional[int] = None,
         pixels: Union[Pixels, Sequence[Pixels]] = (),
+        max_episode_steps: Optional[int] = None,
         **ros: Any,
     ) -> SimulatorEnv:
         chosen = make_backend(scene, which(backend, in_process), ros)
         view: Dict[str, Any] = {"camera": camera, "width": width, "height": height}
+        view["max_episode_steps"] = max_episode_steps
         return SimulatorEnv(chosen, task, render_mode, pixels=pixels, **view)
 
     def make_vec(

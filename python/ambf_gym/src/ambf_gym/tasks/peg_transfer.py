@@ -91,12 +91,12 @@ def _pose(body: BodyState) -> Pose:
     return Pose(tuple(body.position.tolist()), tuple(body.rotation.tolist()))
 
 
-def placed(rng: np.random.Generator) -> Mapping[str, Sequence[float]]:
+def placed(rng: np.random.Generator) -> Mapping[str, Mapping[str, Sequence[float]]]:
     """Blocks on pegs of the left side, as `ambf_simulator --seed` would place them with a seed that is drawn."""
     poses: Dict[str, Sequence[float]] = {}
     for name, (peg, turn) in draw(int(rng.integers(2**32))).blocks.items():
         poses[block(name)] = (*SYMMETRIC.pegs[peg], HEIGHT + 0.0003, 0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2))
-    return poses
+    return {"poses": poses}
 
 
 @dataclass
@@ -172,7 +172,7 @@ class Judge:
         return {"score": score.as_dict(), "is_success": score.way > 0}
 
 
-def task(is_shaped: bool = True, max_steps: int = 3600) -> Task:
+def task(is_shaped: bool = True) -> Task:
     """The task; a step is 50 ms."""
     judge = Judge(is_shaped)
     observe: List[ObservationPart] = []
@@ -198,7 +198,8 @@ def task(is_shaped: bool = True, max_steps: int = 3600) -> Task:
         start=placed,
         goal_size=3,
         info=judge.info,
-        max_steps=max_steps,
+        # Of 50 ms: the competition's three minutes.
+        max_steps=3600,
         n_skip_steps=10,
         settle_steps=100,
     )
@@ -252,22 +253,18 @@ class GoalForm(gymnasium.Wrapper[Any, Any, Any, Any]):
         }
 
 
-def make_peg_transfer(
-    reward: str = "shaped", goal_form: bool = False, max_steps: int = 3600, **options: Any
-) -> gymnasium.Env[Any, Any]:
+def make_peg_transfer(reward: str = "shaped", goal_form: bool = False, **options: Any) -> gymnasium.Env[Any, Any]:
     """The environment `ambf/PegTransfer-v0`. `reward`: "sparse", a point for each point of the referee, or "shaped". `goal_form`: see
-    `GoalForm`. `max_steps`: of 50 ms; 3600 are the competition's three minutes. Others as those of the other tasks.
+    `GoalForm`. Others as those of the other tasks.
     """
-    make, _ = makers("PegTransfer", SCENE, task(_is_shaped(reward), max_steps))
+    make, _ = makers("PegTransfer", SCENE, task(_is_shaped(reward)))
     env = make(**options)
     return GoalForm(env) if goal_form else env
 
 
-def make_peg_transfer_vec(
-    num_envs: int = 1, reward: str = "shaped", max_steps: int = 3600, **options: Any
-) -> VectorEnv[Any, Any, Any]:
+def make_peg_transfer_vec(num_envs: int = 1, reward: str = "shaped", **options: Any) -> VectorEnv[Any, Any, Any]:
     """`num_envs` environments `ambf/PegTransfer-v0`, with the same options but for the goal form."""
-    _, make = makers("PegTransfer", SCENE, task(_is_shaped(reward), max_steps))
+    _, make = makers("PegTransfer", SCENE, task(_is_shaped(reward)))
     return make(num_envs, **options)
 
 

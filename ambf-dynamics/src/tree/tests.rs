@@ -1,0 +1,320 @@
+use std::f64::consts::FRAC_PI_2;
+
+use nalgebra::Point3;
+
+use super::*;
+
+/// Numbers between -1 and 1.
+struct Numbers(u64);
+
+impl Numbers {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    fn vector(&mut self) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| self.next())
+    }
+
+    fn list(&mut self, count: usize) -> Vec<f64> {
+        (0..count).map(|_| self.next()).collect()
+    }
+
+    fn pose(&mut self) -> Isometry3<f64> {
+        Isometry3::new(self.vector(), self.vector() * 2.0)
+    }
+
+    /// A tree with branches, of all kinds of joints; its coordinates are not in the order of its links.
+    fn tree(&mut self, is_free: bool) -> Tree {
+        let count = 9;
+        let motions = [
+            Motion::Revolute(4),
+            Motion::Prismatic(0),
+            Motion::Fixed,
+            Motion::Revolute(1),
+            Motion::Revolute(5),
+            Motion::Prismatic(3),
+            Motion::Fixed,
+            Motion::Revolute(2),
+        ];
+        let mut links = vec![self.link(0, Motion::Fixed)];
+        for index in 1..count {
+            let parent = ((self.next() + 1.0) / 2.0 * index as f64) as usize;
+            let link = self.link(parent.min(index - 1), motions[index - 1]);
+            links.push(link);
+        }
+        Tree::new(links, is_free)
+    }
+
+    fn link(&mut self, parent: usize, motion: Motion) -> Link {
+        Link {
+            parent,
+            motion,
+            pivot: self.vector() * 0.5,
+            axis: Unit::new_normalize(self.vector()),
+            rest: self.pose(),
+            mass: 1.5 + self.next(),
+            inertia: Vector3::repeat(0.5) + self.vector() * 0.1,
+            gravity: Vector3::new(0.3, -0.2, -9.81),
+            limits: [-2.0, 2.0],
+        }
+    }
+}
+
+/// State of a tree: pose of the base, coordinates, rates.
+#[derive(Clone)]
+struct State {
+    base: Isometry3<f64>,
+    positions: Vec<f64>,
+    rates: Vec<f64>,
+}
+
+impl State {
+    fn any(tree: &Tree, numbers: &mut Numbers) -> Self {
+        Self { base: numbers.pose(), positions: numbers.list(tree.joints()), rates: numbers.list(tree.rates()) }
+    }
+
+    /// Where it is after `h` s with these accelerations, to the second order.
+    fn after(&self, tree: &Tree, accelerations: &[f64], h: f64) -> Self {
+        let ways: Vec<f64> =
+            self.rates.iter().zip(accelerations).map(|(rate, by)| h * rate + 0.5 * h * h * by).collect();
+        let mut next = self.moved(tree, &ways);
+        next.rates.iter_mut().zip(accelerations).for_each(|(rate, by)| *rate += h * by);
+        next
+    }
+
+    /// With its coordinates, and the pose of a free base, moved.
+    fn moved(&self, tree: &Tree, by: &[f64]) -> Self {
+        let mut next = self.clone();
+        if tree.is_free() {
+            next.base.translation.vector += Vector3::from_column_slice(&by[..3]);
+            next.base.rotation =
+                UnitQuaternion::from_scaled_axis(Vector3::from_column_slice(&by[3..6])) * self.base.rotation;
+        }
+        let joints = &by[by.len() - tree.joints()..];
+        next.positions.iter_mut().zip(joints).for_each(|(position, by)| *position += by);
+        next
+    }
+
+    fn posture<'a>(&self, tree: &'a Tree) -> Posture<'a> {
+        tree.posture(&self.base, &self.positions)
+    }
+}
+
+fn unit(count: usize, index: usize, value: f64) -> Vec<f64> {
+    (0..count).map(|i| if i == index { value } else { 0.0 }).collect()
+}
+
+const STEP: f64 = 1e-5;
+const CLOSE: f64 = 1e-6;
+
+/// A free tree and one that is not, at some states.
+fn each(check: impl Fn(&Tree, &State, &mut Numbers)) {
+    let mut numbers = Numbers(1);
+    for round in 0..20 {
+        let tree = numbers.tree(round % 2 == 0);
+        let state = State::any(&tree, &mut numbers);
+        check(&tree, &state, &mut numbers);
+    }
+}
+
+#[test]
+fn jacobians_are_what_points_and_links_do_when_coordinates_move() {
+    each(|tree, state, numbers| {
+        for link in 0..tree.links().len() {
+            let at = Point3::from(numbers.vector());
+            let frame = |state: &State| state.posture(tree).poses()[link];
+            let jacobian = state.posture(tree).jacobian(link, &(frame(state) * at).coords);
+            for column in 0..tree.rates() {
+                let [ahead, behind] =
+                    [STEP, -STEP].map(|by| frame(&state.moved(tree, &unit(tree.rates(), column, by))));
+                let linear = (ahead * at - behind * at) / (2.0 * STEP);
+                let angular = (ahead.rotation * behind.rotation.inverse()).scaled_axis() / (2.0 * STEP);
+                assert!((jacobian.fixed_view::<3, 1>(0, column) - linear).norm() < CLOSE);
+                assert!((jacobian.fixed_view::<3, 1>(3, column) - angular).norm() < CLOSE);
+            }
+        }
+    });
+}
+
+#[test]
+fn the_mass_matrix_is_symmetric_positive_and_that_of_the_kinetic_energy() {
+    each(|tree, state, _| {
+        let posture = state.posture(tree);
+        let matrix = posture.mass_matrix();
+        assert_eq!(matrix, matrix.transpose());
+        assert!(matrix.clone().cholesky().is_some(), "positive");
+        let rates = DVector::from_column_slice(&state.rates);
+        let energy = posture.kinetic_energy(&state.rates);
+        assert!((0.5 * rates.dot(&(&matrix * &rates)) - energy).abs() < 1e-12 * energy);
+    });
+}
+
+#[test]
+fn forces_are_mass_times_acceleration_and_bias() {
+    each(|tree, state, numbers| {
+        let posture = state.posture(tree);
+        let accelerations = numbers.list(tree.rates());
+        let forces = posture.inverse_dynamics(&state.rates, &accelerations);
+        let bias = posture.bias_forces(&state.rates);
+        let by_matrix = posture.mass_matrix() * DVector::from_vec(accelerations) + &bias;
+        assert!((forces - by_matrix).norm() < 1e-11);
+        let parts = posture.gravity_forces() + posture.coriolis_forces(&state.rates);
+        assert!((bias - parts).norm() < 1e-11);
+    });
+}
+
+#[test]
+fn power_goes_into_motion_and_height() {
+    each(|tree, state, numbers| {
+        let accelerations = numbers.list(tree.rates());
+        let energy = |state: &State| {
+            let posture = state.posture(tree);
+            // A base that stands still does not count.
+            let links = tree.links().iter().zip(posture.poses());
+            let potential: f64 =
+                links.map(|(link, pose)| -link.mass * link.gravity.dot(&pose.translation.vector)).sum();
+            posture.kinetic_energy(&state.rates) + potential
+        };
+        let [ahead, behind] = [STEP, -STEP].map(|by| energy(&state.after(tree, &accelerations, by)));
+        let forces = state.posture(tree).inverse_dynamics(&state.rates, &accelerations);
+        let power = forces.dot(&DVector::from_column_slice(&state.rates));
+        assert!((power - (ahead - behind) / (2.0 * STEP)).abs() < CLOSE, "{power}");
+    });
+}
+
+/// Lagrange's equations, by differences of the kinetic and the potential energy.
+#[test]
+fn forces_along_joints_are_those_of_lagrange() {
+    each(|tree, state, numbers| {
+        let accelerations = numbers.list(tree.rates());
+        let forces = state.posture(tree).inverse_dynamics(&state.rates, &accelerations);
+        let rates = |state: &State| DVector::from_column_slice(&state.rates);
+        let momentum = |state: &State| state.posture(tree).mass_matrix() * rates(state);
+        let [ahead, behind] = [STEP, -STEP].map(|by| momentum(&state.after(tree, &accelerations, by)));
+        let change = (ahead - behind) / (2.0 * STEP);
+        let lagrangian = |state: &State| {
+            let posture = state.posture(tree);
+            let links = tree.links().iter().zip(posture.poses());
+            let potential: f64 =
+                links.map(|(link, pose)| -link.mass * link.gravity.dot(&pose.translation.vector)).sum();
+            posture.kinetic_energy(&state.rates) - potential
+        };
+        for number in tree.rates() - tree.joints()..tree.rates() {
+            let [ahead, behind] =
+                [STEP, -STEP].map(|by| lagrangian(&state.moved(tree, &unit(tree.rates(), number, by))));
+            let expected = change[number] - (ahead - behind) / (2.0 * STEP);
+            assert!((forces[number] - expected).abs() < CLOSE, "{number}: {} {expected}", forces[number]);
+        }
+    });
+}
+
+/// Newton's law of the whole, and that of its angular momentum about the origin.
+#[test]
+fn forces_on_a_free_base_change_the_momentum_of_the_whole() {
+    each(|tree, state, numbers| {
+        if !tree.is_free() {
+            return;
+        }
+        let accelerations = numbers.list(tree.rates());
+        let momenta = |state: &State| {
+            let posture = state.posture(tree);
+            let velocities = posture.velocities(&state.rates);
+            let mut sums = [Vector3::zeros(); 2];
+            for (index, [linear, angular]) in velocities.iter().enumerate() {
+                let momentum = linear * tree.links()[index].mass;
+                sums[0] += momentum;
+                sums[1] += posture.centre(index).cross(&momentum) + posture.inertia(index) * angular;
+            }
+            sums
+        };
+        let [ahead, behind] = [STEP, -STEP].map(|by| momenta(&state.after(tree, &accelerations, by)));
+        let posture = state.posture(tree);
+        let forces = posture.inverse_dynamics(&state.rates, &accelerations);
+        let force = Vector3::from_column_slice(&forces.as_slice()[..3]);
+        let torque = Vector3::from_column_slice(&forces.as_slice()[3..6]);
+        let mut weights = [Vector3::zeros(); 2];
+        for (index, link) in tree.links().iter().enumerate() {
+            weights[0] += link.gravity * link.mass;
+            weights[1] += posture.centre(index).cross(&(link.gravity * link.mass));
+        }
+        let change = [0, 1].map(|part| (ahead[part] - behind[part]) / (2.0 * STEP) - weights[part]);
+        assert!((force - change[0]).norm() < CLOSE);
+        assert!((torque + posture.centre(0).cross(&force) - change[1]).norm() < CLOSE);
+    });
+}
+
+/// A rod of 2 kg, its centre of mass 0.5 m from the joint about y.
+fn pendulum() -> Tree {
+    let gravity = Vector3::new(0.0, 0.0, -10.0);
+    let rod = Link {
+        axis: Vector3::y_axis(),
+        motion: Motion::Revolute(0),
+        rest: Isometry3::translation(0.0, 0.0, -0.5),
+        ..Link::base(2.0, Vector3::new(0.3, 0.1, 0.2), gravity)
+    };
+    Tree::new(vec![Link::base(0.0, Vector3::zeros(), gravity), rod], false)
+}
+
+#[test]
+fn a_pendulum_is_that_of_the_textbook() {
+    let tree = pendulum();
+    let posture = tree.posture(&Isometry3::identity(), &[FRAC_PI_2]);
+    assert!((posture.mass_matrix()[(0, 0)] - (0.1 + 2.0 * 0.25)).abs() < 1e-15);
+    // It points along -x; its weight turns it on about -y.
+    assert!((posture.poses()[1].translation.vector - Vector3::new(-0.5, 0.0, 0.0)).norm() < 1e-15);
+    assert!((posture.gravity_forces()[0] - 2.0 * 10.0 * 0.5).abs() < 1e-14);
+    assert!(posture.coriolis_forces(&[3.0])[0].abs() < 1e-14);
+}
+
+#[test]
+fn goals_within_reach_are_reached() {
+    let mut reached = 0;
+    let mut numbers = Numbers(3);
+    let rounds = 50;
+    for _ in 0..rounds {
+        let tree = numbers.tree(false);
+        let state = State::any(&tree, &mut numbers);
+        let (link, frame) = (tree.links().len() - 1, numbers.pose());
+        let pose = state.posture(&tree).poses()[link] * frame;
+        let goal = Goal {
+            link,
+            frame,
+            position: Some(pose.translation.vector),
+            rotation: Some(pose.rotation),
+            tolerance: [1e-9; 2],
+            iterations: 200,
+        };
+        let start: Vec<f64> = state.positions.iter().map(|position| position + 0.3 * numbers.next()).collect();
+        let found = tree.inverse_kinematics(&state.base, &start, &goal);
+        reached += usize::from(found.reached);
+        let there = tree.posture(&state.base, &found.positions).poses()[link] * frame;
+        let missed = (there.translation.vector - pose.translation.vector).norm();
+        assert!((missed - found.position_error).abs() < 1e-12, "the error is that of the answer");
+        assert!(found.positions.iter().all(|position| position.abs() <= 2.0), "within limits");
+    }
+    assert!(reached >= rounds - 2, "{reached} of {rounds}");
+}
+
+#[test]
+fn goals_beyond_the_limits_are_come_near() {
+    let mut tree = pendulum();
+    tree.links[1].limits = [-0.5, 0.25];
+    let goal = Goal {
+        link: 1,
+        frame: Isometry3::identity(),
+        position: Some(Vector3::new(-1.0, 0.0, 0.0)),
+        rotation: None,
+        tolerance: [1e-6; 2],
+        iterations: 100,
+    };
+    let found = tree.inverse_kinematics(&Isometry3::identity(), &[0.0], &goal);
+    assert_eq!((found.positions, found.reached), (vec![0.25], false));
+    // A goal that leads nowhere, and no iteration at all.
+    let far = Goal { position: Some(Vector3::repeat(1e6)), ..goal.clone() };
+    let found = tree.inverse_kinematics(&Isometry3::identity(), &[7.0], &far);
+    assert!(!found.reached && found.positions[0].abs() <= 0.5);
+    let none = Goal { iterations: 0, ..goal };
+    assert!(!tree.inverse_kinematics(&Isometry3::identity(), &[0.1], &none).reached);
+}

@@ -1,0 +1,164 @@
+"""Many worlds of one scene in one object."""
+
+import pathlib
+import threading
+import unittest
+
+import ambf
+import numpy as np
+
+RESOURCES = pathlib.Path(__file__).resolve().parents[3] / "resources"
+LAUNCH = RESOURCES / "launch.yaml"
+ARM = RESOURCES / "models/arm7.yaml"
+N = 5
+
+
+def batch(n=N, model=ARM, **options):
+    return ambf.Batch(model, n, launch_file=LAUNCH, **options)
+
+
+class Batches(unittest.TestCase):
+    """Each world does what it would do alone."""
+
+    def test_worlds_are_those_of_simulations_to_the_bit(self):
+        """Under commands of all kinds, through resets of some, with parameters of their own; in both profiles."""
+        for profile in ("accurate", "legacy"):
+            worlds = batch(profile=profile)
+            sims = [ambf.Simulation(ARM, launch_file=LAUNCH, profile=profile) for _ in range(N)]
+            self.assertEqual((worlds.bodies, worlds.joints), (sims[0].bodies, sims[0].joints))
+            flange = sims[0].body("arm7/flange").index
+            rng = np.random.default_rng(1)
+            masses = rng.uniform(0.2, 2, size=N)
+            worlds.set_parameters(masses={"flange": masses}, frictions=0.7, joint_gains=[20.0, 0.0, 1.0])
+            for sim, mass in zip(sims, masses):
+                sim.set_parameters(masses={"flange": mass}, frictions=0.7, joint_gains=[20.0, 0.0, 1.0])
+            np.testing.assert_array_equal(worlds.parameters()["masses"], [sim.masses for sim in sims])
+            for call in range(12):
+                base = sims[0].body("arm7/base")
+                kinds = rng.integers(-1, 3, size=(N, len(base.joints)))
+                values = rng.uniform(-1, 1, size=(N, len(base.joints)))
+                wrenches = rng.uniform(-2, 2, size=(N, 6))
+                worlds.joint_kinds[:, base.joint_indices] = kinds
+                worlds.joint_commands[:, base.joint_indices] = values
+                worlds.kinds[:, flange], worlds.wrenches[:, flange] = ambf.FORCE, wrenches
+                for sim, kind, value, wrench in zip(sims, kinds, values, wrenches):
+                    arm = sim.body("arm7/base")
+                    arm.joint_kinds, arm.joint_commands = kind, value
+                    sim.body("arm7/flange").kind, sim.body("arm7/flange").wrench = ambf.FORCE, wrench
+                worlds.step(7)
+                ambf.step_all(sims, 7)
+                for name in ("poses", "twists", "joint_positions", "joint_velocities", "joint_efforts"):
+                    expected = np.array([getattr(sim, name) for sim in sims])
+                    np.testing.assert_array_equal(getattr(worlds, name), expected, err_msg=f"{profile} {name} {call}")
+                if call % 4 == 3:
+                    mask = rng.random(N) < 0.5
+                    states = rng.uniform(-0.3, 0.3, size=(N, len(worlds.joints)))
+                    states[:, [i for i, kind in enumerate(sims[0].joint_types) if kind != "revolute"]] = np.nan
+                    worlds.reset(mask, joint_positions=states)
+                    for sim, state, is_reset in zip(sims, states, mask):
+                        if is_reset:
+                            sim.reset()
+                            sim.set_state(joint_positions=state)
+                    self.assertTrue((worlds.kinds[mask] == ambf.NONE).all())
+
+    def test_arrays_are_shared(self):
+        """Contiguous, the same object for good, and by DLPack without a copy."""
+        worlds = batch()
+        poses = worlds.poses
+        other = np.from_dlpack(poses)
+        self.assertTrue(poses.flags.c_contiguous and np.shares_memory(poses, other))
+        before = other.copy()
+        worlds.step(100)
+        self.assertIs(worlds.poses, poses)
+        self.assertTrue((other != before).any() and (other == poses).all())
+        self.assertEqual(poses.shape, (N, len(worlds.bodies), 7))
+        np.testing.assert_allclose(worlds.times, 0.1)
+        self.assertIn(f"{N} worlds", repr(worlds))
+        worlds.close()
+        np.testing.assert_array_equal(other, poses)
+        self.assertRaises(ambf.ClosedError, worlds.step)
+
+    def test_random_starts(self):
+        """The same seed gives a world the same, whoever else is reset; within limits."""
+        worlds = batch()
+        places = [i for i, name in enumerate(worlds.joints) if name in ("yaw", "shoulder", "elbow")]
+        noise = np.zeros(len(worlds.joints))
+        noise[places] = 0.1
+        worlds.reset(noise=noise, seed=3)
+        start = np.array([batch(1).joint_positions[0, places]])
+        first = worlds.joint_positions[:, places].copy()
+        self.assertGreater(np.ptp(first, axis=0).min(), 0.0)
+        self.assertLessEqual(abs(first - start).max(), 0.1 + 1e-9)
+        worlds.step(50)
+        only = np.arange(N) == 2
+        moved = worlds.joint_positions.copy()
+        worlds.reset(only, noise=noise, seed=3)
+        np.testing.assert_array_equal(worlds.joint_positions[2, places], first[2])
+        np.testing.assert_array_equal(worlds.joint_positions[~only], moved[~only])
+
+    def test_what_is_lost_stands_still(self):
+        """The others go on; a reset brings it back."""
+        worlds = batch(model=RESOURCES / "models/free_bodies.yaml")
+        body = next(i for i, mass in enumerate(worlds.parameters()["masses"][0]) if mass > 0)
+        worlds.kinds[1, body], worlds.target_twists[1, body] = ambf.VELOCITY, 1e300
+        worlds.step(3)
+        self.assertEqual(worlds.lost.tolist(), [False, True, False, False, False])
+        self.assertIn("became", worlds.problems()[1])
+        times = worlds.times.copy()
+        worlds.step(2)
+        self.assertTrue((np.delete(worlds.times - times, 1) > 0).all())
+        worlds.reset(worlds.lost.copy())
+        self.assertFalse(worlds.lost.any())
+        worlds.step(5)
+        self.assertFalse(worlds.lost.any())
+
+    def test_what_is_wrong_is_said(self):
+        """And nothing moves."""
+        worlds = batch(2)
+        self.assertRaises(ValueError, batch, 0)
+        self.assertRaises(ambf.LoadError, ambf.Batch, "/none.yaml", 2)
+        before = worlds.poses.copy()
+        worlds.joint_kinds[1, 0], worlds.joint_commands[1, 0] = ambf.POSITION, np.nan
+        with self.assertRaisesRegex(ambf.InvalidCommand, "world 1"):
+            worlds.step(5)
+        worlds.joint_kinds[1, 0] = 9
+        self.assertRaises(ambf.InvalidCommand, worlds.step)
+        np.testing.assert_array_equal(worlds.poses, before)
+        worlds.joint_kinds[:] = ambf.NONE
+        for call in (
+            lambda: worlds.step(-1),
+            lambda: worlds.reset([True]),
+            lambda: worlds.reset(noise=-1.0),
+            lambda: worlds.reset(seed=-1),
+            lambda: worlds.reset(joint_positions=np.zeros(3)),
+            lambda: worlds.set_parameters(mass=1),
+            lambda: worlds.set_parameters(masses={"flange": [1, -1]}),
+            lambda: worlds.set_parameters(masses={"flange": [1, 2, 3]}),
+        ):
+            self.assertRaises(ValueError, call)
+        self.assertRaises(ambf.NotFoundError, worlds.set_parameters, masses={"none": 1})
+        masses = worlds.parameters()["masses"]
+        np.testing.assert_array_equal(masses[0], masses[1])
+        far = np.full((2, len(worlds.joints)), np.nan)
+        far[1, worlds.joints.index("elbow")] = 100.0
+        with self.assertRaisesRegex(ambf.StateError, "world 1"):
+            worlds.reset(joint_positions=far)
+
+    def test_one_thread_at_a_time(self):
+        """Another one gets a BusyError; Python goes on meanwhile."""
+        worlds = batch(4)
+        ticks = []
+        thread = threading.Thread(target=worlds.step, args=(3000,))
+        thread.start()
+        while thread.is_alive():
+            ticks.append(1)
+            try:
+                worlds.step(0)
+            except ambf.BusyError:
+                break
+        thread.join()
+        self.assertTrue(ticks)
+
+
+if __name__ == "__main__":
+    unittest.main()
