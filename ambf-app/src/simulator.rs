@@ -365,6 +365,15 @@ fn loss(recent: f64, total: f64, cause: LossCause) -> String {
     }
 }
 
+/// What is said of fixed steps that cost more than their period, s.
+fn slow(cost: f64, period: f64) -> String {
+    let (cost, period) = (cost * 1e3, period * 1e3);
+    format!(
+        "simulated time is slower than the clock: an iteration costs {cost:.2} ms, its period is {period:.2} ms; this is said \
+         once. No time is lost with -t 1, it only comes later"
+    )
+}
+
 /// Prints what the physics thread has to say until the program should end.
 fn follow(
     runner: &Runner,
@@ -387,6 +396,7 @@ fn follow(
         }
         match runner.events().recv_timeout(POLL) {
             Ok(Event::LostTime { recent, total, cause }) => warn!("{}", loss(recent, total, cause)),
+            Ok(Event::Slow { cost, period }) => warn!("{}", slow(cost, period)),
             Ok(Event::Lost(problem)) => {
                 warn!("{problem}; nothing of that step is published and the simulation is paused: reset it (topic Command/Reset) or end it");
             }

@@ -58,6 +58,10 @@ fn physics(world: &str, snapshot: &Snapshot, lost: Option<&str>, lost_before: &m
     let (level, message) = match lost {
         Some(why) => (Status::ERROR, why.to_owned()),
         None if recent > 0.0 => (Status::WARN, format!("{recent:.3} s of simulated time were not computed")),
+        None if timing.is_slow() => {
+            let (cost, allowed) = (timing.step_cost[0], timing.allowed_cost);
+            (Status::WARN, format!("slower than the clock: an iteration costs {cost:.6} s, its period is {allowed:.6} s"))
+        }
         None => (Status::OK, "running".to_owned()),
     };
     let [median, _, p99, longest] = timing.step_cost;
@@ -126,6 +130,19 @@ mod tests {
         let report = message("/w", &Snapshot::default(), Some(why), &mut 0.0, &Extras::default());
         let [status] = &report.status[..] else { panic!("{report:?}") };
         assert_eq!((status.level, status.message.as_str()), (Status::ERROR, why));
+    }
+
+    #[test]
+    fn fixed_steps_that_cost_more_than_their_period_are_a_warning() {
+        let report = |step_cost: f64, allowed_cost| {
+            let timing = Timing { step_cost: [step_cost, 0.1, 0.1, 0.1], allowed_cost, ..Default::default() };
+            let snapshot = Snapshot { timing, ..Default::default() };
+            message("/w", &snapshot, None, &mut 0.0, &Extras::default()).status.remove(0)
+        };
+        let slow = report(0.007, 0.005);
+        assert_eq!(slow.level, Status::WARN);
+        assert!(slow.message.contains("0.007000 s") && slow.message.contains("0.005000 s"), "{}", slow.message);
+        assert_eq!((report(0.004, 0.005).level, report(0.007, 0.0).level), (Status::OK, Status::OK));
     }
 
     #[test]

@@ -24,6 +24,16 @@ pub struct Timing {
     pub step_cost: [f64; 4],
     /// Sub-steps that may be due at present before time is lost.
     pub sub_step_cap: u32,
+    /// Fixed steps: what an iteration may cost so that simulated time keeps up with the clock, s; 0 where intervals
+    /// follow the clock.
+    pub allowed_cost: f64,
+}
+
+impl Timing {
+    /// Simulated time lags more and more behind the clock: with fixed steps, half of the iterations cost too much.
+    pub fn is_slow(&self) -> bool {
+        self.allowed_cost > 0.0 && self.step_cost[0] > self.allowed_cost
+    }
 }
 
 /// What one ray of a sensor sees, or one contact of a contact sensor.

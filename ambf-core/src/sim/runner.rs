@@ -45,6 +45,14 @@ pub enum Event {
         /// What most of the recent ones were lost to.
         cause: LossCause,
     },
+    /// With fixed steps, simulated time does not keep up with the clock: an iteration costs more than its period. Said
+    /// once.
+    Slow {
+        /// Median cost of an iteration, s.
+        cost: f64,
+        /// Period, s.
+        period: f64,
+    },
     /// The state was lost; the simulation is paused until it is reset.
     Lost(LostState),
     /// A throttling client asks for steps of no iterations, which throttle nothing.
@@ -184,6 +192,8 @@ struct PhysicsLoop {
     statistics: StepStatistics,
     throttle_counter: u32,
     losses: Losses,
+    /// It was said that fixed steps are slower than the clock.
+    told_slow: bool,
 }
 
 impl PhysicsLoop {
@@ -202,6 +212,7 @@ impl PhysicsLoop {
             statistics: StepStatistics::default(),
             throttle_counter: 0,
             losses: Losses::default(),
+            told_slow: false,
         }
     }
 
@@ -276,6 +287,9 @@ impl PhysicsLoop {
         self.tell_notices();
         let cost = stepped + resumed.elapsed();
         self.statistics.record(wall, cost);
+        if timing.is_slow() && !std::mem::replace(&mut self.told_slow, true) {
+            self.tell(Event::Slow { cost: timing.step_cost[0], period: timing.allowed_cost });
+        }
         if !self.options.fixed_step {
             let sub_steps = self.simulation.bullet_time() - bullet_before;
             let other = cost.saturating_sub(sub_steps);
@@ -407,7 +421,9 @@ impl PhysicsLoop {
         let mut timing = self.simulation.physics.timing();
         timing.physics_frequency = self.statistics.frequency;
         timing.step_cost = self.statistics.percentiles;
-        if !self.options.fixed_step {
+        if self.options.fixed_step {
+            timing.allowed_cost = 1.0 / self.options.frequency;
+        } else {
             timing.sub_step_cap = self.backlog.cap();
         }
         timing

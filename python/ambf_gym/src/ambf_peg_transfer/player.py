@@ -40,7 +40,7 @@ MEETING = np.array([0.0194, 0.306, 0.775])
 """Where blocks change hands: in front of the wall."""
 ASIDE = 0.045
 """Tools and blocks go round the near end of the wall, so far from its plane, m."""
-TURNS = (0.0, 0.2, -0.2, 0.4, -0.4)
+TURNS = (0.0, 0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
 """By how much a block may be turned on a way, rad."""
 SPEED, TURN = 0.05, 1.2
 """m/s, rad/s."""
