@@ -157,6 +157,7 @@ mod tests {
                 physics_frequency: 999.9,
                 step_cost: [1.0, 2.0, 3.0, 4.0],
                 sub_step_cap: 5,
+                allowed_cost: 0.0,
             },
             ..Default::default()
         };
