@@ -62,6 +62,7 @@ __all__ = [
     "Task",
     "Transition",
     "Twist",
+    "Worlds",
 ]
 
 for _name, _steps in (("Reach", 50), ("Lift", 200)):
@@ -74,7 +75,12 @@ for _name, _steps in (("Reach", 50), ("Lift", 200)):
 
 
 # ROS and the module of the simulator are needed only by those who use them.
-_LAZY = {"RosBackend": "ros_backend", "InProcessBackend": "in_process", "InProcessVectorEnv": "vector"}
+_LAZY = {
+    "RosBackend": "ros_backend",
+    "InProcessBackend": "in_process",
+    "InProcessVectorEnv": "vector",
+    "Worlds": "worlds",
+}
 
 
 def __getattr__(name: str) -> object:
