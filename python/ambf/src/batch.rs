@@ -420,8 +420,11 @@ fn halves(six: &[f64]) -> (Vector3<f64>, Vector3<f64>) {
     (Vector3::from_column_slice(&six[..3]), Vector3::from_column_slice(&six[3..]))
 }
 
+/// Worlds, what is the same in all, and what was left out or guessed.
+type Loaded = (Vec<Lane>, Arc<Layout>, Vec<String>);
+
 /// Loads worlds of a scene on all threads.
-fn load_all(wanted: &Wanted, count: usize) -> Result<(Vec<Lane>, Arc<Layout>, Vec<String>), Vec<String>> {
+fn load_all(wanted: &Wanted, count: usize) -> Result<Loaded, Vec<String>> {
     let Made { stepper, warnings, launch: _kept } = load::load_world(wanted)?;
     let layout = Arc::new(Layout::of(&stepper));
     let mut lanes = Vec::with_capacity(count);

@@ -62,6 +62,7 @@ __all__ = [
     "Task",
     "Transition",
     "Twist",
+    "Worlds",
 ]
 
 for _name, _function, _steps in (("Reach", "reach", 50), ("Lift", "lift", 200), ("PegTransfer", "peg_transfer", 3600)):
@@ -74,7 +75,12 @@ for _name, _function, _steps in (("Reach", "reach", 50), ("Lift", "lift", 200), 
 
 
 # ROS and the module of the simulator are needed only by those who use them.
-_LAZY = {"RosBackend": "ros_backend", "InProcessBackend": "in_process", "InProcessVectorEnv": "vector"}
+_LAZY = {
+    "RosBackend": "ros_backend",
+    "InProcessBackend": "in_process",
+    "InProcessVectorEnv": "vector",
+    "Worlds": "worlds",
+}
 
 
 def __getattr__(name: str) -> object:

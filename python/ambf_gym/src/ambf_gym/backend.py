@@ -129,8 +129,10 @@ class States:
     def __post_init__(self) -> None:
         for what in ("body", "sensor", "actuator"):
             plural = "bodies" if what == "body" else f"{what}s"
-            named = Named(f"{what} that the task names in its parts or in `bodies`", getattr(self, plural))
-            object.__setattr__(self, plural, named)
+            things = getattr(self, plural)
+            if not isinstance(things, Named):
+                named = Named(f"{what} that the task names in its parts or in `bodies`", things)
+                object.__setattr__(self, plural, named)
 
 
 Picture = Dict[str, NDArray[Any]]

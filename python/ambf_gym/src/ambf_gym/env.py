@@ -9,6 +9,7 @@ from typing import Any, Callable, Dict, Generator, List, Mapping, NamedTuple, Op
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 from .backend import Array, Backend, Commands, Named, Pixels, Prepared, States, plain
 from .errors import InvalidAction, InvalidDescription, NotObserved
@@ -140,10 +141,11 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         # Parts remember set points: those of another environment are not ours.
         self._task = copy.deepcopy(task)
         limits = backend.joint_limits()
-        self._low, self._high, self._slices = _stack([part.bounds(limits) for part in self._task.act])
-        low, high, _ = _stack([part.bounds(limits) for part in self._task.observe])
+        self._low, self._high, self._slices = stack([part.bounds(limits) for part in self._task.act])
+        low, high, _ = stack([part.bounds(limits) for part in self._task.observe])
         infinite = np.full(task.goal_size, np.inf)
         low, high = np.concatenate((low, -infinite)), np.concatenate((high, infinite))
+        self._bounds = Bounds(self._low, self._high, task.scaled_actions)
         self.action_space = action_space(self._low, self._high, task.scaled_actions)
         self._gather: Optional[Any] = None
         self._writers: Optional[List[Callable[[Array], None]]] = None
@@ -222,13 +224,13 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         if before is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         wanted = self.checked(action)
-        applied, is_clipped = apply_bounds(wanted, self._low, self._high, self._task.scaled_actions)
+        applied, is_clipped = self._bounds.apply(wanted)
         after = yield Order(self._commands(applied), self._task.n_skip_steps, False)
         self._states = after
         self._steps += 1
         transition = Transition(before, after, applied, self._goal, self._steps)
         iterations = (after.sim_step - self._first_step) % 2**32
-        info: Info = {"iterations": iterations, "clipped": is_clipped}
+        info: Info = {"iterations": iterations, "clipped": bool(is_clipped)}
         info.update(self._task.info(transition))
         terminated = bool(self._task.terminated(transition))
         truncated = not terminated and self._steps >= self.max_episode_steps
@@ -292,7 +294,7 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         return self._states
 
     def _open(self) -> None:
-        bodies, sensors, actuators = self._names()
+        bodies, sensors, actuators = names_of(self._task)
         joints = self._backend.open(bodies, sensors, actuators)
         also = Commands()
         self._task.also(also)
@@ -312,19 +314,6 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         self._gather = gather and gather(self._task.observe)
         self._writers = writers and writers(self._task.act)
         self._is_open = True
-
-    def _names(self) -> Tuple[Sequence[str], Sequence[str], Sequence[str]]:
-        parts: List[Any] = [*self._task.observe, *self._task.act]
-        also = Commands()
-        self._task.also(also)
-        bodies: List[Any] = [*self._task.bodies, *also.bodies]
-        for part in parts:
-            if not hasattr(part, "actuator"):
-                bodies += [getattr(part, "body", None), getattr(part, "relative_to", None)]
-        sensors = [part.sensor for part in parts if hasattr(part, "sensor") and not hasattr(part, "actuator")]
-        actuators = [*(getattr(part, "actuator", None) for part in parts), *also.actuators]
-        unique = [tuple(dict.fromkeys(name for name in names if name)) for names in (bodies, sensors, actuators)]
-        return unique[0], unique[1], unique[2]
 
     def _rest(self, states: States) -> Commands:
         commands = Commands()
@@ -372,6 +361,21 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         return observation
 
 
+def names_of(task: Task) -> Tuple[Sequence[str], Sequence[str], Sequence[str]]:
+    """Names of the bodies, sensors and actuators that a task uses."""
+    parts: List[Any] = [*task.observe, *task.act]
+    also = Commands()
+    task.also(also)
+    bodies: List[Any] = [*task.bodies, *also.bodies]
+    for part in parts:
+        if not hasattr(part, "actuator"):
+            bodies += [getattr(part, "body", None), getattr(part, "relative_to", None)]
+    sensors = [part.sensor for part in parts if hasattr(part, "sensor") and not hasattr(part, "actuator")]
+    actuators = [*(getattr(part, "actuator", None) for part in parts), *also.actuators]
+    unique = [tuple(dict.fromkeys(name for name in names if name)) for names in (bodies, sensors, actuators)]
+    return unique[0], unique[1], unique[2]
+
+
 def action_space(low: Array, high: Array, is_scaled: bool) -> gymnasium.spaces.Box:
     """Between the bounds, or between -1 and 1, which stand for them."""
     if is_scaled:
@@ -379,14 +383,22 @@ def action_space(low: Array, high: Array, is_scaled: bool) -> gymnasium.spaces.B
     return gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32))
 
 
-def apply_bounds(wanted: Array, low: Array, high: Array, is_scaled: bool) -> Tuple[Array, bool]:
-    """(… x size) actions in the units of the parts and within the bounds; and whether some were beyond."""
-    if is_scaled:
-        scaled = np.minimum(np.maximum(wanted, -1.0), 1.0)
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        return np.minimum(np.maximum(middle + half * scaled, low), high), bool((scaled != wanted).any())
-    applied = np.minimum(np.maximum(wanted, low), high)
-    return applied, bool((applied != wanted).any())
+class Bounds:
+    """Bounds of actions: what actions stand for, within them."""
+
+    def __init__(self, low: Array, high: Array, is_scaled: bool) -> None:
+        self._low, self._high = low, high
+        self._middle, self._half = 0.5 * (low + high), 0.5 * (high - low)
+        self._is_scaled = is_scaled
+
+    def apply(self, wanted: Array) -> Tuple[Array, NDArray[np.bool_]]:
+        """(… x size) actions in the units of the parts and within the bounds; and (…) whether some were beyond."""
+        inside = wanted.clip(-1.0, 1.0) if self._is_scaled else wanted.clip(self._low, self._high)
+        is_clipped: NDArray[np.bool_] = (inside != wanted).any(axis=-1)
+        if self._is_scaled:
+            # A rounding error may lead beyond them.
+            inside = (self._middle + self._half * inside).clip(self._low, self._high)
+        return inside, is_clipped
 
 
 def _with_pixels(state: Optional[gymnasium.spaces.Box], pixels: Sequence[Pixels]) -> gymnasium.spaces.Space[Any]:
@@ -411,7 +423,8 @@ def _with_pixels(state: Optional[gymnasium.spaces.Box], pixels: Sequence[Pixels]
     return gymnasium.spaces.Dict(spaces)
 
 
-def _stack(bounds: Sequence[Tuple[Array, Array]]) -> Tuple[Array, Array, Sequence[slice]]:
+def stack(bounds: Sequence[Tuple[Array, Array]]) -> Tuple[Array, Array, Sequence[slice]]:
+    """Bounds of all parts one after the other, and where each part's are."""
     if not bounds:
         return np.zeros(0), np.zeros(0), ()
     ends = np.cumsum([len(low) for low, _ in bounds])

@@ -36,7 +36,7 @@ class InProcessBackend:
     def __init__(self, scene: Scene) -> None:
         """Loads `scene` when it is opened; of its options those about time and physics count, and others are an InvalidDescription."""
         self._scene = scene
-        self._options = _options(scene.options)
+        self._options = physics_options(scene.options)
         self._simulation: Optional[ambf.Simulation] = None
         self._bodies: Dict[str, _Body] = {}
         self._sensors: Dict[str, ambf.Sensor] = {}
@@ -287,7 +287,7 @@ def _boolean(text: str) -> bool:
     return words[text.lower()]
 
 
-def _options(options: Sequence[str]) -> Dict[str, Any]:
+def physics_options(options: Sequence[str]) -> Dict[str, Any]:
     """Arguments of `ambf.Simulation` that mean what these options of `ambf_simulator` mean."""
     parser = _Parser(add_help=False)
     add = parser.add_argument

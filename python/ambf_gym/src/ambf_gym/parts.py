@@ -247,6 +247,11 @@ class DriveJoints:
         increment = _bound(self.increment, len(self.joints), 0.0)
         return -increment, increment
 
+    @property
+    def span(self) -> Tuple[Array, Array]:
+        """Bounds of the set point."""
+        return self._low, self._high
+
     def start(self, states: States) -> None:
         """The set point is where the joints are."""
         self._set_point = _joint_values(states.bodies[self.body].joint_positions, self)

@@ -1,0 +1,342 @@
+"""Many worlds of a task in one `ambf.Batch`: observations and commands of all of them are arrays."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+
+import ambf
+import gymnasium
+import numpy as np
+from ambf.names import find
+from numpy.typing import NDArray
+
+from .backend import FORCE, Array, Commands, States
+from .env import Bounds, Info, Task, Transition, action_space, names_of, stack
+from .errors import InvalidAction, InvalidDescription
+from .gather import Gather, Layout, SeenBody, columns_by_name, narrow
+from .in_process import physics_options
+from .parts import DriveBody, DriveJoints
+from .scene import Scene, resources
+
+Mask = NDArray[np.bool_]
+Outcome = Tuple[NDArray[np.float32], Array, Mask, Mask, List[Info]]
+
+_KINDS = {"effort": ambf.EFFORT, "force": ambf.FORCE, "position": ambf.POSITION, "velocity": ambf.VELOCITY}
+
+
+class Worlds:
+    """`num_envs` worlds of a task, without autoreset: each returns what `SimulatorEnv` returns, to the bit.
+
+    Tasks observe and drive bodies and joints; those with sensors, actuators, pixels or parts of their own need `InProcessVectorEnv`.
+    """
+
+    def __init__(self, scene: Scene, task: Task, num_envs: int, *, max_episode_steps: Optional[int] = None) -> None:
+        """Loads the worlds. Raises InvalidDescription, ambf.LoadError, ValueError."""
+        if num_envs < 1:
+            raise ValueError(f"num_envs={num_envs}: expected 1 or more")
+        if task.n_skip_steps < 1 or task.settle_steps < 1 or (max_episode_steps or task.max_steps) < 1:
+            raise InvalidDescription("n_skip_steps, settle_steps and the steps of an episode are 1 or more")
+        self.num_envs = num_envs
+        self.max_episode_steps = max_episode_steps or task.max_steps
+        self._task = task = copy.deepcopy(task)
+        limits = scene.joint_limits()
+        self._low, self._high, self._slices = stack([part.bounds(limits) for part in task.act])
+        low, high, _ = stack([part.bounds(limits) for part in task.observe])
+        infinite = np.full(task.goal_size, np.inf)
+        self._bounds = Bounds(self._low, self._high, task.scaled_actions)
+        self.action_space = action_space(self._low, self._high, task.scaled_actions)
+        self.observation_space = gymnasium.spaces.Box(
+            np.concatenate((low, -infinite)).astype(np.float32), np.concatenate((high, infinite)).astype(np.float32)
+        )
+        launch = scene.launch_file or str(resources() / "launch.yaml")
+        options = physics_options(scene.options)
+        self.batch = ambf.Batch(scene.model_files(), num_envs, launch_file=launch, **options)
+        """The worlds: parameters may be changed through it."""
+        self.layout = Layout(len(self.batch.bodies), len(self.batch.joints))
+        self._columns: Dict[str, Dict[str, int]] = {}
+        try:
+            self._prepare()
+        except BaseException:
+            self.batch.close()
+            raise
+
+    def _prepare(self) -> None:
+        """Finds where everything stands."""
+        task, batch = self._task, self.batch
+        bodies, sensors, actuators = names_of(task)
+        if sensors or actuators:
+            raise InvalidDescription(
+                f"{', '.join((*sensors, *actuators))}: a batch has neither sensors nor actuators; use InProcessVectorEnv"
+            )
+        try:
+            self._rows = {name: batch.body(name) for name in bodies}
+            self._gather = Gather(task.observe, self)
+        except LookupError as error:
+            raise InvalidDescription(f"{error}; with other parts use InProcessVectorEnv") from error
+        self._joints = {name: list(self.joints(name).items()) for name in bodies}
+        self._drives: List[_Drive] = []
+        for part in task.act:
+            makers: Dict[Any, Callable[[Any, Worlds], _Drive]] = {DriveJoints: _Joints, DriveBody: _Body}
+            if type(part) not in makers:
+                raise InvalidDescription(f"{part} is no part of this package; use InProcessVectorEnv")
+            self._drives.append(makers[type(part)](part, self))
+        n = self.num_envs
+        self._rngs: List[Optional[np.random.Generator]] = [None] * n
+        self._goals = np.zeros((n, task.goal_size))
+        self._steps = np.zeros(n, dtype=int)
+        self._first_steps = np.zeros(n, dtype=np.int64)
+        self._counts = np.ones(n, dtype=np.int64)
+        self._ready = np.zeros(n, dtype=bool)
+        batch.reset()
+        batch.step(1)
+        self._start = self._flat()
+        self._states: List[States] = self._all_states(self._start)
+
+    def reset(
+        self, mask: Optional[Mask] = None, seeds: Optional[Sequence[Optional[int]]] = None
+    ) -> NDArray[np.float32]:
+        """Begins episodes in the worlds of `mask` (all if None); observations of all. `seeds`: one a world, None goes on."""
+        chosen = np.ones(self.num_envs, dtype=bool) if mask is None else np.asarray(mask)
+        if chosen.shape != (self.num_envs,) or chosen.dtype != np.bool_:
+            raise ValueError(f"mask: expected {self.num_envs} truth values")
+        starts: Dict[int, Any] = {}
+        for i in np.flatnonzero(chosen).tolist():
+            seed = None if seeds is None else seeds[i]
+            rng = self._rngs[i]
+            if rng is None or seed is not None:
+                rng = self._rngs[i] = gymnasium.utils.seeding.np_random(seed)[0]
+            goal = np.asarray(self._task.goal(rng), dtype=np.float64)
+            if goal.shape != (self._task.goal_size,):
+                raise InvalidDescription(f"the goal has the shape {goal.shape}, goal_size is {self._task.goal_size}")
+            self._goals[i] = goal
+            start = self._task.start(rng)
+            if start:
+                starts[i] = start
+        self._ready[chosen] = False
+        states: Dict[str, Any] = {**self._state_arrays(starts)}
+        self.batch.reset(chosen, **states)
+        here = self._start
+        if starts:
+            set_ones = np.zeros(self.num_envs, dtype=bool)
+            set_ones[list(starts)] = True
+            self._step(np.where(set_ones, 1, 0))
+            here = np.where(set_ones[:, None], self._flat(), self._start)
+        self._rest(chosen, here)
+        self._step(np.where(chosen, 1, 0))
+        flat = self._flat()
+        for drive in self._drives:
+            drive.start(chosen, flat)
+        if self._task.settle_steps > 1:
+            self._rest(chosen, here)
+            self._step(np.where(chosen, self._task.settle_steps - 1, 0))
+            flat = self._flat()
+        self._steps[chosen] = 0
+        self._first_steps[chosen] = self._counts[chosen]
+        self._ready[chosen] = True
+        for i in np.flatnonzero(chosen).tolist():
+            self._states[i] = self._state(flat[i], i)
+        return self._observe(flat)
+
+    def step(self, actions: Any) -> Outcome:
+        """Observations, rewards, whether terminated and truncated, and infos of all worlds.
+
+        A world whose state was lost is terminated with the reward 0 and `info["lost"]`. Raises InvalidAction, and no world has moved.
+        """
+        if not self._ready.all():
+            raise gymnasium.error.ResetNeeded("call reset() before step()")
+        wanted = np.asarray(actions, dtype=np.float64)
+        if wanted.shape != (self.num_envs, len(self._low)) or not np.isfinite(wanted).all():
+            raise InvalidAction(
+                f"actions of the shape {wanted.shape}; expected {self.num_envs} x {len(self._low)}, finite"
+            )
+        applied, clipped = self._bounds.apply(wanted)
+        for drive, piece in zip(self._drives, self._slices):
+            drive.write(applied[:, piece])
+        self._step(np.full(self.num_envs, self._task.n_skip_steps))
+        flat = self._flat()
+        before, self._states = self._states, self._all_states(flat)
+        self._steps += 1
+        rewards = np.zeros(self.num_envs)
+        terminated, truncated = np.zeros(self.num_envs, dtype=bool), self._steps >= self.max_episode_steps
+        infos: List[Info] = []
+        lost = self.batch.problems() if self.batch.lost.any() else {}
+        for i in range(self.num_envs):
+            info: Info = {
+                "iterations": int(self._counts[i] - self._first_steps[i]) % 2**32,
+                "clipped": bool(clipped[i]),
+            }
+            infos.append(info)
+            if i in lost:
+                info["lost"] = lost[i]
+                terminated[i] = True
+                continue
+            step = Transition(before[i], self._states[i], applied[i], self._goals[i], int(self._steps[i]))
+            info.update(self._task.info(step))
+            terminated[i] = bool(self._task.terminated(step))
+            rewards[i] = float(self._task.reward(step))
+        return self._observe(flat), rewards, terminated, truncated & ~terminated, infos
+
+    def close(self) -> None:
+        """Frees the worlds."""
+        self.batch.close()
+
+    def body(self, name: str) -> int:
+        """See `gather.Finder`."""
+        return self._rows[name]
+
+    def joints(self, body: str) -> Dict[str, int]:
+        """See `gather.Finder`."""
+        if body not in self._columns:
+            columns = self.batch.body_joints(self._rows[body])
+            self._columns[body] = columns_by_name([self.batch.joints[i] for i in columns], columns.tolist(), body)
+        return self._columns[body]
+
+    def rays(self, sensor: str) -> Tuple[int, int]:
+        """See `gather.Finder`."""
+        raise LookupError(f"{sensor}: a batch has no sensors")
+
+    def actuator(self, name: str) -> int:
+        """See `gather.Finder`."""
+        raise LookupError(f"{name}: a batch has no actuators")
+
+    def _step(self, steps: NDArray[Any]) -> None:
+        self.batch.step(steps)
+        self._counts += steps
+
+    def _flat(self) -> Array:
+        """(worlds x numbers) all states; see `gather.Layout`."""
+        b, n = self.batch, self.num_envs
+        single = narrow(np.concatenate((b.joint_positions, b.joint_velocities, b.joint_efforts), axis=1))
+        return np.concatenate((b.poses.reshape(n, -1), b.twists.reshape(n, -1), single, np.zeros((n, 1))), axis=1)
+
+    def _observe(self, flat: Array) -> NDArray[np.float32]:
+        return np.concatenate((self._gather.observe(flat), self._goals), axis=1).astype(np.float32)
+
+    def _all_states(self, flat: Array) -> List[States]:
+        return [self._state(row, i) for i, row in enumerate(flat)]
+
+    def _state(self, row: Array, i: int) -> States:
+        bodies = {name: SeenBody(row, self.layout, place, self._joints[name]) for name, place in self._rows.items()}
+        # As a simulation of its own counts, that began with 1.
+        return States(int(self._counts[i]), float(self.batch.times[i]), bodies, {}, {}, flat=row)  # type: ignore[arg-type]
+
+    def _state_arrays(self, starts: Dict[int, Any]) -> Dict[str, Array]:
+        """What `Task.start` has drawn, as arrays of all worlds."""
+        shapes = {"joint_positions": (), "joint_velocities": (), "poses": (7,), "twists": (6,)}
+        arrays: Dict[str, Array] = {}
+        for i, start in starts.items():
+            for what, values in start.items():
+                if what not in shapes:
+                    raise InvalidDescription(f"Task.start: {what}; expected {', '.join(shapes)}")
+                names = self.batch.joints if what.startswith("joint_") else self.batch.bodies
+                if what not in arrays:
+                    arrays[what] = np.full((self.num_envs, len(names), *shapes[what]), np.nan)
+                if isinstance(values, dict):
+                    kind = "joints" if what.startswith("joint_") else "bodies"
+                    for name, value in values.items():
+                        arrays[what][i, find(name, names, kind)] = value
+                else:
+                    arrays[what][i] = values
+        return arrays
+
+    def _rest(self, chosen: Mask, flat: Array) -> None:
+        """Commands that keep the chosen worlds as they are in `flat`, and those that are always the same."""
+        also = Commands()
+        self._task.also(also)
+        # By body: column and kind of each joint that is commanded, with values of all worlds or one.
+        joints: Dict[str, Dict[int, Tuple[int, Any]]] = {}
+        for name, command in also.bodies.items():
+            self._command_body(chosen, name, command.kind, command.linear, command.angular)
+            columns = self.joints(name)
+            joints[name] = {
+                columns[joint]: (kind, float(np.float32(value))) for joint, (kind, value) in command.joints.items()
+            }
+        for drive in self._drives:
+            drive.rest(chosen, flat, joints)
+        for name, commanded in joints.items():
+            if not commanded:
+                continue
+            below = self.batch.body_joints(self._rows[name]).tolist()
+            # Joints before the last one that is commanded are told to do nothing, as over ROS.
+            last = max(below.index(column) for column in commanded) + 1
+            self.batch.joint_kinds[np.ix_(chosen, below[:last])] = ambf.EFFORT
+            self.batch.joint_commands[np.ix_(chosen, below[:last])] = 0.0
+            for column, (kind, value) in commanded.items():
+                self.batch.joint_kinds[chosen, column] = kind
+                self.batch.joint_commands[chosen, column] = value
+
+    def _command_body(self, chosen: Mask, name: str, kind: int, linear: Any, angular: Any) -> None:
+        row, batch = self._rows[name], self.batch
+        batch.kinds[chosen, row] = kind
+        target = {ambf.FORCE: batch.wrenches, ambf.POSITION: batch.target_poses, ambf.VELOCITY: batch.target_twists}[
+            kind
+        ]
+        target[chosen, row, :3], target[chosen, row, 3:] = linear, angular
+
+
+class _Drive:
+    """An action part in all worlds."""
+
+    def rest(self, chosen: Mask, flat: Array, joints: Dict[str, Dict[int, Tuple[int, Any]]]) -> None:
+        """Keeps the chosen worlds as they are in `flat`: commands bodies, and names joints to command."""
+        raise NotImplementedError
+
+    def start(self, chosen: Mask, flat: Array) -> None:
+        """Episodes begin."""
+
+    def write(self, values: Array) -> None:
+        """Puts actions of all worlds into the arrays."""
+        raise NotImplementedError
+
+
+class _Joints(_Drive):
+    def __init__(self, part: DriveJoints, worlds: Worlds) -> None:
+        self._part, self._worlds = part, worlds
+        columns = worlds.joints(part.body)
+        self._columns = np.array([columns[joint.replace(" ", "")] for joint in part.joints], dtype=np.intp)
+        self._places = worlds.layout.joint(0, self._columns)
+        self._set_points = np.zeros((worlds.num_envs, len(self._columns)))
+
+    def rest(self, chosen: Mask, flat: Array, joints: Dict[str, Dict[int, Tuple[int, Any]]]) -> None:
+        kind, worlds = _KINDS[self._part.mode], self._worlds
+        here = (
+            flat[chosen][:, self._places]
+            if self._part.mode == "position"
+            else np.zeros((chosen.sum(), len(self._places)))
+        )
+        worlds._command_body(chosen, self._part.body, FORCE, 0.0, 0.0)
+        commanded = joints.setdefault(self._part.body, {})
+        commanded.update({int(column): (kind, here[:, k]) for k, column in enumerate(self._columns)})
+
+    def start(self, chosen: Mask, flat: Array) -> None:
+        self._set_points[chosen] = flat[chosen][:, self._places]
+
+    def write(self, values: Array) -> None:
+        if self._part.increment is not None:
+            low, high = self._part.span
+            self._set_points = np.minimum(np.maximum(self._set_points + values, low), high)
+            values = self._set_points
+        self._worlds.batch.joint_commands[:, self._columns] = values.astype(np.float32)
+
+
+class _Body(_Drive):
+    def __init__(self, part: DriveBody, worlds: Worlds) -> None:
+        self._part, self._worlds, self._row = part, worlds, worlds.body(part.body)
+
+    def rest(self, chosen: Mask, flat: Array, joints: Dict[str, Dict[int, Tuple[int, Any]]]) -> None:
+        del joints
+        pose = flat[chosen][:, self._worlds.layout.pose(self._row)]
+        is_position = self._part.mode == "position"
+        linear, angular = (pose[:, :3], pose[:, 3:]) if is_position else (0.0, 0.0)
+        self._worlds._command_body(chosen, self._part.body, _KINDS[self._part.mode], linear, angular)
+
+    def start(self, chosen: Mask, flat: Array) -> None:
+        if self._part.mode == "position":
+            turn = flat[chosen][:, self._worlds.layout.pose(self._row)[3:]]
+            self._worlds.batch.target_poses[chosen, self._row, 3:] = turn
+
+    def write(self, values: Array) -> None:
+        batch = self._worlds.batch
+        targets = {"force": batch.wrenches, "velocity": batch.target_twists, "position": batch.target_poses}
+        targets[self._part.mode][:, self._row, : self._part.size] = values

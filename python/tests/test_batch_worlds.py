@@ -1,0 +1,164 @@
+"""Tasks in one ambf.Batch: the same as in simulations of their own, to the last bit."""
+
+import importlib.util
+import unittest
+import warnings
+
+import gymnasium
+import numpy as np
+from ambf_gym import (
+    DriveBody,
+    DriveJoints,
+    InProcessBackend,
+    InvalidAction,
+    InvalidDescription,
+    Scene,
+    SimulatorEnv,
+    Task,
+)
+from ambf_gym.backend import BodyCommand
+from ambf_gym.parts import JointEfforts, JointPositions, JointVelocities, Position, Rotation, Twist
+from ambf_gym.tasks import lift, reach
+from ambf_gym.worlds import Worlds
+
+N = 3
+
+
+def other_task():
+    """Bodies that are pushed, joints by effort, commands that are always the same, states at the start."""
+
+    def also(commands):
+        commands.bodies.setdefault(reach.BASE, BodyCommand()).joints["elbow"] = (2, 0.1)
+
+    def start(rng):
+        drawn = rng.uniform(-0.2, 0.2)
+        return {"joint_positions": {"yaw": drawn}} if drawn > -0.1 else {}
+
+    return Task(
+        observe=(
+            JointPositions(reach.BASE, reach.JOINTS),
+            JointVelocities(reach.BASE, ("yaw",)),
+            JointEfforts(reach.BASE, ("yaw", "roll")),
+            Position(reach.FLANGE, relative_to=reach.BASE),
+            Rotation(reach.FLANGE),
+            Twist(reach.FLANGE),
+        ),
+        act=(
+            DriveJoints(reach.BASE, ("roll", "wrist"), mode="effort", low=-2, high=2),
+            DriveBody(reach.FLANGE, low=-3, high=3, size=6),
+        ),
+        reward=lambda step: step.after.bodies[reach.FLANGE].position[2] + step.after.sim_step - step.before.sim_step,
+        terminated=lambda step: step.after.bodies[reach.FLANGE].position[2] > -0.6,
+        start=start,
+        also=also,
+        settle_steps=3,
+        max_steps=9,
+    )
+
+
+class TestWorlds(unittest.TestCase):
+    """Against `SimulatorEnv`."""
+
+    def setUp(self):
+        warnings.filterwarnings("ignore", message=".*infinity.*")
+
+    def test_each_world_is_an_environment(self):
+        """Observations, rewards, ends and infos, over episodes that end at different times; both profiles."""
+        legacy = Scene(reach.SCENE.models, options=("--profile", "legacy"))
+        for scene, task in (
+            (reach.SCENE, reach.TASK),
+            (Scene(reach.SCENE.models), other_task()),
+            (legacy, other_task()),
+        ):
+            worlds = Worlds(scene, task, N, max_episode_steps=6)
+            self.addCleanup(worlds.close)
+            singles = [SimulatorEnv(InProcessBackend(scene), task, max_episode_steps=6) for _ in range(N)]
+            for env in singles:
+                self.addCleanup(env.close)
+            self.assertEqual(
+                (worlds.action_space, worlds.observation_space), (singles[0].action_space, singles[0].observation_space)
+            )
+            found = worlds.reset(seeds=[5, 6, 7])
+            np.testing.assert_array_equal(found, [env.reset(seed=5 + i)[0] for i, env in enumerate(singles)])
+            rng = np.random.default_rng(1)
+            ends = 0
+            for _ in range(20):
+                actions = rng.uniform(-1.3, 1.3, size=(N, *worlds.action_space.shape))
+                observations, rewards, terminated, truncated, infos = worlds.step(actions)
+                for i, env in enumerate(singles):
+                    expected = env.step(actions[i])
+                    np.testing.assert_array_equal(observations[i], expected[0])
+                    self.assertEqual((rewards[i], terminated[i], truncated[i], infos[i]), expected[1:])
+                over = terminated | truncated
+                # Some at other times, so that only part of the worlds is reset.
+                over[0] |= rng.random() < 0.3
+                ends += over.sum()
+                if over.any():
+                    observations = worlds.reset(over)
+                    for i in np.flatnonzero(over):
+                        np.testing.assert_array_equal(observations[i], singles[i].reset()[0])
+            self.assertGreater(ends, N)
+
+    def test_what_is_refused(self):
+        """And nothing moves."""
+        worlds = Worlds(reach.SCENE, reach.TASK, 2)
+        self.addCleanup(worlds.close)
+        self.assertRaises(gymnasium.error.ResetNeeded, worlds.step, np.zeros((2, 7)))
+        worlds.reset()
+        before = worlds.batch.poses.copy()
+        for wrong in (np.zeros(7), np.zeros((3, 7)), np.full((2, 7), np.nan)):
+            self.assertRaises(InvalidAction, worlds.step, wrong)
+        np.testing.assert_array_equal(worlds.batch.poses, before)
+        self.assertRaises(ValueError, worlds.reset, np.ones(3, dtype=bool))
+        self.assertRaises(ValueError, Worlds, reach.SCENE, reach.TASK, 0)
+        with self.assertRaisesRegex(InvalidDescription, "neither sensors nor actuators"):
+            Worlds(lift.SCENE, lift.TASK, 2)
+        with self.assertRaisesRegex(InvalidDescription, "nobody"):
+            Worlds(reach.SCENE, Task((Position("nobody"),), (), lambda step: 0.0), 2)
+
+    def test_a_world_that_is_lost(self):
+        """It is terminated, and its next episode is sound."""
+        worlds = Worlds(reach.SCENE, reach.TASK, 2)
+        self.addCleanup(worlds.close)
+        worlds.reset(seeds=[1, 2])
+        flange = worlds.batch.body(reach.FLANGE)
+        worlds.batch.kinds[1, flange], worlds.batch.target_twists[1, flange] = 2, 1e300
+        _, rewards, terminated, _, infos = worlds.step(np.zeros((2, 7)))
+        self.assertEqual((terminated.tolist(), rewards[1]), ([False, True], 0.0))
+        self.assertIn("lost", infos[1])
+        worlds.reset(terminated)
+        self.assertFalse(worlds.step(np.zeros((2, 7)))[2].any())
+
+
+@unittest.skipUnless(importlib.util.find_spec("stable_baselines3"), "stable-baselines3 is not installed")
+class StableBaselines(unittest.TestCase):
+    """What learners expect."""
+
+    def test_episodes_go_on_by_themselves(self):
+        """The last observation is told, and that of the next episode returned."""
+        from ambf_gym.sb3 import VecEnv
+
+        env = VecEnv(reach.SCENE, reach.TASK, N, max_episode_steps=4)
+        self.addCleanup(env.close)
+        worlds = Worlds(reach.SCENE, reach.TASK, N, max_episode_steps=4)
+        self.addCleanup(worlds.close)
+        env.seed(3)
+        np.testing.assert_array_equal(env.reset(), worlds.reset(seeds=[3, 4, 5]))
+        for step in range(1, 10):
+            actions = np.full((N, 7), 0.3, dtype=np.float32)
+            observations, rewards, dones, infos = env.step(actions)
+            last, expected, *_ = worlds.step(actions)
+            np.testing.assert_array_equal(rewards, expected.astype(np.float32))
+            self.assertEqual(dones.tolist(), [step % 4 == 0] * N)
+            if step % 4 == 0:
+                for i, info in enumerate(infos):
+                    np.testing.assert_array_equal(info["terminal_observation"], last[i])
+                    self.assertTrue(info["TimeLimit.truncated"])
+                last = worlds.reset()
+            np.testing.assert_array_equal(observations, last)
+        self.assertEqual(env.get_attr("render_mode"), [None] * N)
+        self.assertEqual(env.env_is_wrapped(gymnasium.Wrapper), [False] * N)
+
+
+if __name__ == "__main__":
+    unittest.main()
