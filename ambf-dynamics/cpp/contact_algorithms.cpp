@@ -49,8 +49,10 @@ class ConvexPair final : public btConvexConvexAlgorithm {
   void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
                         const btDispatcherInfo &info, btManifoldResult *result) override {
     btConvexConvexAlgorithm::processCollision(first, second, info, result);
+    // Both ends of a line are enough, also for a pair that approaches fast: round sides get no further while they roll.
+    if (lines_->replace(*first, *second, *result)) return;
     near_->add(*first, *second, *result, info.m_timeStep);
-    if (lines_->replace(*first, *second, *result) || !is_deep(*result)) return;
+    if (!is_deep(*result)) return;
     btCollisionAlgorithmConstructionInfo made(m_dispatcher, 1);
     btConvexConvexAlgorithm perturbed(result->getPersistentManifold(), made, first, second, depth_solver_,
                                       PERTURBATIONS, ENOUGH_POINTS);
