@@ -51,8 +51,11 @@ class ConvexPair final : public btConvexConvexAlgorithm {
                         const btDispatcherInfo &info, btManifoldResult *result) override {
     normals_.turn(*first, *second);
     btConvexConvexAlgorithm::processCollision(first, second, info, result);
-    near_->add(*first, *second, *result, info.m_timeStep);
-    if (!lines_->replace(*first, *second, *result) && is_deep(*result)) find_resting_points(first, second, info, result);
+    // Both ends of a line are enough, also for a pair that approaches fast: round sides get no further while they roll.
+    if (!lines_->replace(*first, *second, *result)) {
+      near_->add(*first, *second, *result, info.m_timeStep);
+      if (is_deep(*result)) find_resting_points(first, second, info, result);
+    }
     normals_.keep(*first, *second, *result);
   }
 

@@ -114,8 +114,6 @@ bool LineContacts::replace(const btCollisionObjectWrapper &first, const btCollis
   const btScalar threshold = manifold.getContactBreakingThreshold();
   int deepest = 0;
   for (int i = 0; i < manifold.getNumContacts(); ++i) {
-    // One of a body that may get far into the other one within the sub-step, see near_contacts.h.
-    if (manifold.getContactPoint(i).getDistance() > threshold) return false;
     if (manifold.getContactPoint(i).getDistance() < manifold.getContactPoint(deepest).getDistance()) deepest = i;
   }
   const btVector3 found = manifold.getContactPoint(deepest).m_normalWorldOnB;

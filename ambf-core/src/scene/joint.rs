@@ -281,7 +281,8 @@ impl Joint {
     /// Takes the [wrench](Self::wrench) from the reaction of the constraint.
     pub(crate) fn measure(&mut self, world: &World, bodies: &Bodies) {
         let child = bodies[self.child].handle;
-        let (Some(reaction), Some(pose)) = (self.handle.and_then(|handle| world.joint_wrench(handle)), world.pose(child))
+        let (Some(reaction), Some(pose)) =
+            (self.handle.and_then(|handle| world.joint_wrench(handle)), world.pose(child))
         else {
             return;
         };

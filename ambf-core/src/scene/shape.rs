@@ -2,8 +2,10 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::hulls::{CollisionMeshes, HullCache};
-use crate::adf::{self, CollisionGeometry, CollisionMeshKind, ConvexDecomposition, Part, PartGeometry, Primitive, RigidBody, Severity};
+use super::hulls::{hull_remark, CollisionMeshes, HullCache};
+use crate::adf::{
+    self, CollisionGeometry, CollisionMeshKind, ConvexDecomposition, Part, PartGeometry, Primitive, RigidBody, Severity,
+};
 use crate::bullet::{Axis, Shape};
 use crate::control::Profile;
 use crate::mesh::{has_holes, Mesh, SubMesh};
@@ -246,6 +248,9 @@ fn mesh_children(
                     }
                     _ => (),
                 }
+                if margin.is_moved {
+                    left_out.extend(hull_remark(sub).map(|remark| (Severity::Info, remark)));
+                }
                 (sub.vertices.len() >= 3).then(|| Shape::convex_hull(&sub.vertices, whole))
             }
             CollisionMeshKind::ConvexMesh => Shape::convex_triangle_mesh(&sub.vertices, &sub.triangles, whole),
@@ -265,7 +270,8 @@ fn mesh_children(
     }
     left_out.extend(hulls.take_remarks());
     if divided > 0 {
-        let message = format!("its collision mesh has holes, which one convex hull would close: it collides as {divided} hulls");
+        let message =
+            format!("its collision mesh has holes, which one convex hull would close: it collides as {divided} hulls");
         left_out.push((Severity::Info, message));
     }
     match empty[..] {

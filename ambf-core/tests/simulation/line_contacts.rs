@@ -44,7 +44,7 @@ fn what_is_pinched_along_its_side_does_not_turn() {
         assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
         let mut bench = Bench(Simulation::new(loaded.scene, step));
         let base = bench.body("base");
-        let mut hold = |bench: &mut Bench, seconds: f64| {
+        let hold = |bench: &mut Bench, seconds: f64| {
             for _ in 0..(seconds / step).round() as u32 {
                 for joint in 0..2 {
                     bench.0.command_joint(base, joint, JointCommandType::Effort, force);

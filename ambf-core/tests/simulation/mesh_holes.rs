@@ -9,17 +9,16 @@ use ambf_core::scene::{load, Loaded, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::Simulation;
 
 const INNER: f64 = 0.0055;
-const OUTER: f64 = 0.009;
 const HEIGHT: f64 = 0.004;
 const DT: f64 = 0.001;
 
 /// The four corners of a cross-section of a ring of `n` parts; the hole between them has at least the radius `INNER`.
-fn section(i: usize, n: usize) -> [[f64; 3]; 4] {
+fn section(i: usize, n: usize, outer: f64) -> [[f64; 3]; 4] {
     let (sin, cos) = (TAU * i as f64 / n as f64).sin_cos();
     let inner = INNER / (PI / n as f64).cos();
     let at = |radius: f64, z: f64| [radius * cos, radius * sin, z];
     let half = HEIGHT / 2.0;
-    [at(inner, -half), at(OUTER, -half), at(OUTER, half), at(inner, half)]
+    [at(inner, -half), at(outer, -half), at(outer, half), at(inner, half)]
 }
 
 fn vertices(text: &mut String, corners: &[[f64; 3]]) {
@@ -29,13 +28,14 @@ fn vertices(text: &mut String, corners: &[[f64; 3]]) {
 }
 
 /// A closed surface.
-fn shell() -> String {
+fn shell(outer: f64) -> String {
     const N: usize = 32;
     let mut text = String::new();
-    (0..N).for_each(|i| vertices(&mut text, &section(i, N)));
+    (0..N).for_each(|i| vertices(&mut text, &section(i, N, outer)));
     for (i, k) in (0..N).flat_map(|i| (0..4).map(move |k| (i, k))) {
         let at = |i: usize, k: usize| 4 * (i % N) + k % 4 + 1;
-        writeln!(text, "f {} {} {} {}", at(i, k), at(i + 1, k), at(i + 1, k + 1), at(i, k + 1)).expect("a string grows");
+        writeln!(text, "f {} {} {} {}", at(i, k), at(i + 1, k), at(i + 1, k + 1), at(i, k + 1))
+            .expect("a string grows");
     }
     text
 }
@@ -45,8 +45,8 @@ fn parts(keyword: &str, head: &str) -> String {
     const N: usize = 12;
     let mut text = format!("{head}\n");
     for i in 0..N {
-        vertices(&mut text, &section(i, N));
-        vertices(&mut text, &section(i + 1, N));
+        vertices(&mut text, &section(i, N, 0.009));
+        vertices(&mut text, &section(i + 1, N, 0.009));
     }
     for i in 0..N {
         writeln!(text, "{keyword} m{i}").expect("a string grows");
@@ -109,7 +109,8 @@ fn rings_fall_over_a_peg_however_they_are_written() {
     let folder = folder.path();
     let library: String = (0..12).map(|i| format!("newmtl m{i}\nKd 1 0 0\n")).collect();
     for (name, text) in [
-        ("shell.obj", shell()),
+        ("shell.obj", shell(0.009)),
+        ("washer.obj", shell(0.04)),
         ("objects.obj", parts("o", "")),
         ("groups.obj", parts("g", "o ring")),
         ("materials.obj", parts("usemtl", "mtllib materials.mtl\no ring")),
@@ -125,11 +126,11 @@ fn rings_fall_over_a_peg_however_they_are_written() {
             wrong.push(format!("{what}: {found} mm instead of -38 ± {tolerance}"));
         }
     };
-    for mesh in ["shell.obj", "objects.obj", "groups.obj", "materials.obj", "nameless.obj"] {
+    for mesh in ["shell.obj", "washer.obj", "objects.obj", "groups.obj", "materials.obj", "nameless.obj"] {
         for profile in [Profile::Legacy, Profile::Accurate] {
             let (found, notes) = rest(folder, "ring.urdf", &urdf(&folder.join(mesh)), profile);
             check(&format!("URDF {mesh} {profile:?}"), found, 1.2);
-            assert_eq!(notes.len(), usize::from(mesh == "shell.obj"), "{notes:?}");
+            assert_eq!(notes.len(), usize::from(["shell.obj", "washer.obj"].contains(&mesh)), "{notes:?}");
         }
     }
     let hull = "  collision mesh type: CONVEX_HULL\n";
@@ -146,8 +147,12 @@ fn rings_fall_over_a_peg_however_they_are_written() {
         ("materials.obj", format!("{hull}{thin}"), 0.2),
         ("materials.obj", hull.to_owned(), 1.2),
     ] {
-        let (found, _) = rest(folder, "ring.yaml", &adf(folder, mesh, &keys), Profile::Accurate);
+        let (found, notes) = rest(folder, "ring.yaml", &adf(folder, mesh, &keys), Profile::Accurate);
+        assert!(notes.is_empty(), "{notes:?}");
         check(&format!("ADF {mesh} {keys:?}"), found, tolerance);
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
+    // What a file asks for is done, and said.
+    let (closed, notes) = rest(folder, "ring.yaml", &adf(folder, "shell.obj", hull), Profile::Accurate);
+    assert!(closed > -10.0 && notes.len() == 1 && notes[0].contains("closes the holes"), "{closed} {notes:?}");
 }

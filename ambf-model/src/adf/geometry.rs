@@ -171,8 +171,7 @@ pub struct ConvexDecomposition {
     /// the finer, the closer a cut can be to where it is best. Default: 64.
     pub resolution: u32,
     /// Volume that a hull may have beyond what it encloses of the sub-mesh, as a share of the volume of the convex hull
-    /// of the whole sub-mesh; above 0, at most 1. Default: 0.001, with which a ring of 11 mm inside and 18 mm outside keeps
-    /// 10.7 mm of its hole.
+    /// of the whole sub-mesh; above 0, at most 1. Default: 0.005.
     pub concavity: f64,
 }
 
@@ -185,7 +184,7 @@ impl ConvexDecomposition {
 
 impl Default for ConvexDecomposition {
     fn default() -> Self {
-        Self { hulls: 32, resolution: 64, concavity: 0.001 }
+        Self { hulls: 32, resolution: 64, concavity: 0.005 }
     }
 }
 

@@ -32,7 +32,7 @@ use crate::files::{self, Found};
 
 pub use cache::MeshCache;
 pub use material::{MeshMaterial, MeshTexture, MetallicRoughness};
-pub use parts::has_holes;
+pub use parts::{enclosed_volume, has_holes};
 pub use sources::Sources;
 use visual::Details;
 pub use visual::{load_both, load_visual, parse_visual, VisualMesh, VisualMeshPart};

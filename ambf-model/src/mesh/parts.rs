@@ -29,7 +29,8 @@ impl SubMesh {
     pub fn of(&self, triangles: &[[u32; 3]]) -> Self {
         let mut numbers = HashMap::new();
         let mut part = Self { name: self.name.clone(), ..Self::default() };
-        for triangle in triangles {
+        let exists = |triangle: &&[u32; 3]| triangle.iter().all(|&vertex| (vertex as usize) < self.vertices.len());
+        for triangle in triangles.iter().filter(exists) {
             part.triangles.push(triangle.map(|vertex| {
                 *numbers.entry(vertex).or_insert_with(|| {
                     part.vertices.push(self.vertices[vertex as usize]);
@@ -40,6 +41,21 @@ impl SubMesh {
         part.surface_vertices = part.vertices.len();
         part
     }
+}
+
+/// Volume that closed surfaces of these triangles enclose, m³: by the divergence theorem, from tetrahedra with a common corner.
+/// `None` for surfaces that are not closed.
+pub fn enclosed_volume(vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Option<f64> {
+    let edges = edges(triangles);
+    let is_closed = !edges.is_empty() && edges.values().all(|uses| uses % 2 == 0);
+    let at = |corner: u32| vertices.get(corner as usize).copied().map(nalgebra::Vector3::from);
+    let origin = at(triangles.first()?[0])?;
+    let of_triangle = |&[a, b, c]: &[u32; 3]| {
+        let [a, b, c] = [at(a)? - origin, at(b)? - origin, at(c)? - origin];
+        Some(a.dot(&b.cross(&c)) / 6.0)
+    };
+    let sum: Option<f64> = triangles.iter().map(of_triangle).sum();
+    sum.map(f64::abs).filter(|_| is_closed)
 }
 
 /// Whether a hole goes through the solid that closed surfaces of these triangles (indices of vertices) bound: for a connected
@@ -120,6 +136,15 @@ mod tests {
         assert!(!has_holes(&[&TETRAHEDRON[..], &shifted, &[[0, 0, 1]]].concat()));
         assert!(has_holes(&[&ring(5)[..], &shifted].concat()));
         assert!(!has_holes(&[]));
+    }
+
+    #[test]
+    fn the_volume_of_a_closed_surface() {
+        let vertices = [[1.0, 1.0, 1.0], [2.0, 1.0, 1.0], [1.0, 3.0, 1.0], [1.0, 1.0, 4.0]];
+        let found = enclosed_volume(&vertices, &TETRAHEDRON).expect("it is closed");
+        assert!((found - 1.0).abs() < 1e-12, "{found}");
+        assert_eq!(enclosed_volume(&vertices, &TETRAHEDRON[1..]), None);
+        assert_eq!(enclosed_volume(&vertices, &[]), None);
     }
 
     #[test]

@@ -9,8 +9,8 @@ use super::joint::Joint;
 use super::link::Link;
 use super::tree::Place;
 use crate::adf::{
-    CollisionGeometry, CollisionMeshKind, Common, Controller, ConvexDecomposition, Joint as AdfJoint, Part, ProblemKind, RigidBody,
-    Severity, SourcePos, Surface, Visual, VisualGeometry, VisualPart,
+    CollisionGeometry, CollisionMeshKind, Common, Controller, ConvexDecomposition, Joint as AdfJoint, Part,
+    ProblemKind, RigidBody, Severity, SourcePos, Surface, Visual, VisualGeometry, VisualPart,
 };
 
 /// Mass of a link that moves, kg, where neither what it carries nor what it hangs on has one, and of a body without, in ADF.

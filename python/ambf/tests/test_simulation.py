@@ -46,7 +46,8 @@ def drive(sim, seed, calls=30, clock=True):
 
 def look(sim, clock=True):
     """All states, as bytes, with the clock or without."""
-    arrays = (sim.poses, sim.twists, sim.joint_positions, sim.joint_velocities, sim.joint_efforts, sim.measurements)
+    arrays = (sim.poses, sim.twists, sim.joint_positions, sim.joint_velocities, sim.joint_efforts)
+    arrays += (sim.joint_wrenches, sim.measurements)
     time = repr((sim.sim_step, sim.sim_time)).encode() if clock else b""
     return b"".join(array.tobytes() for array in arrays) + time
 
@@ -180,7 +181,7 @@ class Arrays(unittest.TestCase):
         self.assertTrue((positions[:7] != before[:7]).all())
         self.assertFalse((flange.pose == pose).all())
         np.testing.assert_array_equal(base.joint_positions, positions[base.joint_indices])
-        for array in (sim.poses, sim.twists, positions, sim.joint_efforts, sim.holding, flange.pose):
+        for array in (sim.poses, sim.twists, positions, sim.joint_efforts, sim.joint_wrenches, sim.holding, flange.pose):
             with self.assertRaises(ValueError):
                 array[...] = 0
 
@@ -593,6 +594,40 @@ class States(unittest.TestCase):
             sim.set_state(joint_positions=wanted, joint_velocities=np.zeros(len(sim.joints)))
             np.testing.assert_allclose(flange.pose, seen, atol=1e-9)
             np.testing.assert_allclose(flange.twist, 0, atol=1e-9)
+
+    def test_joints_say_what_they_carry(self):
+        """The base of an arm at rest carries all of it, whatever the file says of feedback."""
+        with arm() as sim:
+            base = sim.body("arm7/base")
+            base.joint_kinds, base.joint_commands = ambf.POSITION, 0  # seven zeros are no quaternion
+            sim.step(4000)
+            first = int(base.joint_indices[0])
+            moving = sum(sim.masses[index] for index, name in enumerate(sim.bodies) if "arm7/" in name)
+            self.assertEqual(sim.joint_wrenches.shape, (len(sim.joints), 6))
+            np.testing.assert_allclose(sim.joint_wrenches[first][:3], (0, 0, moving * 9.81), atol=0.02)
+            np.testing.assert_array_equal(base.joint_wrenches, sim.joint_wrenches[base.joint_indices])
+
+    def test_a_moved_palm_carries_what_its_fingers_hold(self):
+        """By velocity, then by poses that come every ten steps; the twist is there."""
+        with ambf.Simulation(GRIPPER, launch_file=LAUNCH, profile="accurate") as sim:
+            palm, finger, block = sim.body("palm"), sim.body("leftfinger"), sim.body("block")
+            sim.step(500)
+            start = block.pose.copy()
+            palm.kind, palm.target_twist = ambf.VELOCITY, (0, 0.1, 0, 0, 0, 0)
+            sim.step(400)
+            self.assertAlmostEqual(palm.pose[1], 0.04, places=3)
+            self.assertGreater(block.pose[1] - start[1], 0.035)
+            np.testing.assert_allclose((palm.twist[1], finger.twist[1]), 0.1, atol=2e-3)
+            palm.kind, palm.target_pose = ambf.POSITION, palm.pose
+            low = block.pose[2]
+            for _ in range(100):
+                palm.target_pose[2] += 1e-3
+                sim.step(10)
+            self.assertGreater(block.pose[2] - low, 0.095)
+            # A jump leaves the block where it was.
+            palm.target_pose[0] += 1
+            sim.step(1)
+            self.assertLess(np.abs(block.twist).max(), 0.5)
 
     def test_a_block_is_placed(self):
         """Free bodies take poses and twists."""

@@ -14,7 +14,7 @@ use crate::adf::ConvexDecomposition;
 use crate::mesh::SubMesh;
 
 /// Number of this method: hulls that another one made are made again.
-pub(super) const METHOD: u64 = 1;
+pub(super) const METHOD: u64 = 2;
 
 /// Vertices of a hull at most. The cost of a pair of hulls grows with them.
 pub(super) const MAX_VERTICES: usize = 64;
@@ -25,6 +25,19 @@ const NEGLIGIBLE: f64 = 1e-4;
 
 /// Volume of the hull of a sub-mesh, of that of a cube around it, below which it counts as a sheet.
 const SHEET: f64 = 1e-6;
+
+/// How far a hull may reach into a hole or hollow, as a share of the distance to the wall on the other side.
+const REACH: f64 = 0.025;
+
+/// Walls nearer to each other than this, as a share of the longest edge of the bounding box, are not looked at.
+const NARROW: f64 = 0.01;
+
+/// Triangles in front of which it is looked, at most.
+const MAX_PROBES: usize = 1000;
+
+/// By how much the concavity is lowered, and how often, while hulls reach too far into holes.
+const FINER: f64 = 0.2;
+const MAX_ATTEMPTS: usize = 3;
 
 /// What became of a sub-mesh.
 pub(super) enum Divided {
@@ -87,6 +100,26 @@ impl Part {
         part
     }
 
+    fn holds_any(&self, probes: &[Probe]) -> bool {
+        self.held(probes).is_some()
+    }
+
+    /// The first of these points that is in its hull.
+    fn held<'a>(&self, probes: &'a [Probe]) -> Option<&'a Probe> {
+        let (vertices, faces) = try_convex_hull(&self.points).ok()?;
+        let planes: Vec<(Vector, f64)> = faces
+            .iter()
+            .filter_map(|face| {
+                let [a, b, c] = face.map(|corner| vertices[corner as usize]);
+                let normal = (b - a).cross(c - a).try_normalize()?;
+                Some((normal, normal.dot(a)))
+            })
+            .collect();
+        let is_held =
+            |probe: &&Probe| planes.iter().all(|&(normal, offset)| normal.dot(probe.point) < offset - NEGLIGIBLE);
+        probes.iter().find(is_held)
+    }
+
     /// Whether the bounding boxes touch.
     fn is_near(&self, other: &Self) -> bool {
         let bounds = |part: &Self| {
@@ -100,23 +133,151 @@ impl Part {
 }
 
 fn divide(points: &[Vector], triangles: &[[u32; 3]], wanted: &ConvexDecomposition) -> Vec<Part> {
-    let parameters = VHACDParameters {
-        concavity: wanted.concavity,
-        resolution: wanted.resolution,
-        max_convex_hulls: wanted.hulls,
-        fill_mode: FillMode::FloodFill { detect_cavities: false },
-        ..VHACDParameters::default()
-    };
-    let divided = VHACD::decompose(&parameters, points, triangles, true);
-    let pieces = divided.compute_primitive_intersections(points, triangles);
-    let parts = pieces.iter().filter(|piece| !piece.is_empty()).map(|piece| Part::of(piece)).collect();
     let surface: Vec<Vector> = triangles.as_flattened().iter().map(|&corner| points[corner as usize]).collect();
-    join(parts, wanted, Part::of(&surface).volume)
+    let (whole, probes) = (Part::of(&surface).volume, probes(points, triangles));
+    let mut concavity = wanted.concavity;
+    for attempt in 1.. {
+        let parameters = VHACDParameters {
+            concavity,
+            resolution: wanted.resolution,
+            max_convex_hulls: wanted.hulls,
+            fill_mode: FillMode::FloodFill { detect_cavities: false },
+            ..VHACDParameters::default()
+        };
+        let divided = VHACD::decompose(&parameters, points, triangles, true);
+        let pieces = divided.compute_primitive_intersections(points, triangles);
+        let parts: Vec<Part> = pieces.iter().filter(|piece| !piece.is_empty()).map(|piece| Part::of(piece)).collect();
+        if !parts.iter().any(|part| part.holds_any(&probes)) {
+            return join(parts, wanted, whole, &probes);
+        }
+        if attempt == MAX_ATTEMPTS {
+            let most = wanted.hulls as usize;
+            return join(carve(parts, points, triangles, &probes, most), wanted, whole, &probes);
+        }
+        concavity *= FINER;
+    }
+    unreachable!("the last attempt returns")
+}
+
+/// Cuts parts that reach far into holes along the walls of these, until there are `most` parts. The cells into which the library
+/// divides are boxes with the axes of the mesh; of small holes in large parts no such box is short enough.
+fn carve(parts: Vec<Part>, points: &[Vector], triangles: &[[u32; 3]], probes: &[Probe], most: usize) -> Vec<Part> {
+    let mut count = parts.len();
+    let (mut done, mut waiting) = (Vec::new(), Vec::new());
+    for part in parts {
+        if part.held(probes).is_none() {
+            done.push(part);
+            continue;
+        }
+        let first = part.points.first().copied().unwrap_or_default();
+        let (low, high) = part.points.iter().fold((first, first), |(low, high), &p| (low.min(p), high.max(p)));
+        let mut surface: Vec<Vec<Vector>> =
+            triangles.iter().map(|triangle| triangle.map(|corner| points[corner as usize]).to_vec()).collect();
+        for axis in [Vector::X, Vector::Y, Vector::Z] {
+            let slack = NEGLIGIBLE;
+            surface = clipped(&surface, -axis, -(axis.dot(low) - slack));
+            surface = clipped(&surface, axis, axis.dot(high) + slack);
+        }
+        waiting.push(surface);
+    }
+    while let Some(surface) = waiting.pop() {
+        let part = Part::of(&surface.concat());
+        match part.held(probes).filter(|_| count < most) {
+            None => done.push(part),
+            Some(probe) => {
+                let offset = probe.normal.dot(probe.point);
+                let wall = clipped(&surface, probe.normal, offset);
+                let rest = clipped(&surface, -probe.normal, -offset);
+                let sides = [wall, rest].into_iter().filter(|side| !side.is_empty());
+                count -= 1;
+                for side in sides {
+                    count += 1;
+                    waiting.push(side);
+                }
+            }
+        }
+    }
+    done
+}
+
+/// What of polygons is where `normal` · p <= `offset` (Sutherland and Hodgman 1974).
+fn clipped(polygons: &[Vec<Vector>], normal: Vector, offset: f64) -> Vec<Vec<Vector>> {
+    let clip = |polygon: &Vec<Vector>| {
+        let mut kept = Vec::new();
+        for (i, &from) in polygon.iter().enumerate() {
+            let to = polygon[(i + 1) % polygon.len()];
+            let [here, there] = [from, to].map(|point| normal.dot(point) - offset);
+            if here <= 0.0 {
+                kept.push(from);
+            }
+            if here * there < 0.0 {
+                kept.push(from + (to - from) * (here / (here - there)));
+            }
+        }
+        (kept.len() >= 3).then_some(kept)
+    };
+    polygons.iter().filter_map(clip).collect()
+}
+
+/// A point in a hole or hollow, before a wall with this normal.
+struct Probe {
+    point: Vector,
+    normal: Vector,
+}
+
+/// One before each wall that has another one before it: at [`REACH`] of the way.
+fn probes(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Probe> {
+    let corners = |triangle: &[u32; 3]| triangle.map(|corner| points[corner as usize]);
+    let every = triangles.len().div_ceil(MAX_PROBES).max(1);
+    let probe = |triangle: &[u32; 3]| {
+        let [a, b, c] = corners(triangle);
+        let normal = (b - a).cross(c - a).try_normalize()?;
+        let from = (a + b + c) / 3.0;
+        let way =
+            triangles.iter().filter_map(|other| way_to(from, normal, corners(other))).fold(f64::INFINITY, f64::min);
+        (way.is_finite() && way > NARROW).then(|| Probe { point: from + normal * (REACH * way), normal })
+    };
+    triangles.iter().step_by(every).filter_map(probe).collect()
+}
+
+/// Distance along a direction to a triangle that faces it (Möller and Trumbore 1997).
+fn way_to(from: Vector, direction: Vector, [a, b, c]: [Vector; 3]) -> Option<f64> {
+    let (ab, ac) = (b - a, c - a);
+    let across = direction.cross(ac);
+    let determinant = ab.dot(across);
+    // Triangles are counter-clockwise seen from outside.
+    if determinant <= f64::MIN_POSITIVE {
+        return None;
+    }
+    let to = from - a;
+    let u = to.dot(across) / determinant;
+    let along = to.cross(ab);
+    let v = direction.dot(along) / determinant;
+    let way = ac.dot(along) / determinant;
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && way > 0.0).then_some(way)
+}
+
+/// Whether hulls reach far into holes or hollows of the sub-mesh that they stand for.
+pub(super) fn close_up(sub: &SubMesh, hulls: &[Hull]) -> bool {
+    let points: Vec<Vector> = sub.vertices.iter().copied().map(Vector::from).collect();
+    let Some(&first) = points.first() else { return false };
+    let (low, high) = points.iter().fold((first, first), |(low, high), &point| (low.min(point), high.max(point)));
+    let size = (high - low).max_element();
+    if !size.is_normal() {
+        return false;
+    }
+    let scaled = |point: Vector| (point - low) / size;
+    let points: Vec<Vector> = points.into_iter().map(scaled).collect();
+    let exists = |triangle: &&[u32; 3]| triangle.iter().all(|&corner| (corner as usize) < points.len());
+    let triangles: Vec<[u32; 3]> = sub.triangles.iter().filter(exists).copied().collect();
+    let probes = probes(&points, &triangles);
+    let part = |hull: &Hull| Part::of(&hull.iter().map(|&point| scaled(Vector::from(point))).collect::<Vec<_>>());
+    hulls.iter().any(|hull| part(hull).holds_any(&probes))
 }
 
 /// Joins the two parts whose common hull adds the least volume, while there are too many or what it adds is within the
-/// concavity. `whole` is the volume of the hull of all.
-fn join(mut parts: Vec<Part>, wanted: &ConvexDecomposition, whole: f64) -> Vec<Part> {
+/// concavity and holds none of the probes. `whole` is the volume of the hull of all.
+fn join(mut parts: Vec<Part>, wanted: &ConvexDecomposition, whole: f64, probes: &[Probe]) -> Vec<Part> {
     // Parts of a sheet have no volume, joined or not.
     let allowed = if whole > SHEET { wanted.concavity * whole } else { -1.0 };
     let most = wanted.hulls as usize;
@@ -144,6 +305,10 @@ fn join(mut parts: Vec<Part>, wanted: &ConvexDecomposition, whole: f64) -> Vec<P
         else {
             return parts;
         };
+        if parts.len() <= most && pairs[place].2.holds_any(probes) {
+            pairs.swap_remove(place);
+            continue;
+        }
         let (i, j, part) = pairs.swap_remove(place);
         // The last part takes the place of the second one.
         let last = parts.len() - 1;
@@ -217,6 +382,20 @@ fn farthest_outside(points: &[Vector], corners: &[Vector], faces: &[[u32; 3]]) -
         }
     }
     best.1
+}
+
+/// Volume of the convex hull of points, m³; 0 if it has no inside.
+pub(super) fn hull_volume(points: &[[f64; 3]]) -> f64 {
+    let points: Vec<Vector> = points.iter().copied().map(Vector::from).collect();
+    let Some(&first) = points.first() else { return 0.0 };
+    let (low, high) = points.iter().fold((first, first), |(low, high), &point| (low.min(point), high.max(point)));
+    // As in `decompose`.
+    let size = (high - low).max_element();
+    if !size.is_normal() {
+        return 0.0;
+    }
+    let points: Vec<Vector> = points.iter().map(|&point| (point - low) / size).collect();
+    try_convex_hull(&points).map_or(0.0, |(vertices, faces)| volume(&vertices, &faces)) * size.powi(3)
 }
 
 /// Volume within a closed surface.

@@ -17,7 +17,10 @@ use self::decompose::{decompose, Divided};
 use self::store::Store;
 use super::progress::{Part, Progress};
 use crate::adf::{ConvexDecomposition, Severity};
-use crate::mesh::{Mesh, MeshCache, SubMesh};
+use crate::mesh::{enclosed_volume, has_holes, Mesh, MeshCache, SubMesh};
+
+/// Share of a hull that its mesh does not enclose, from which on it is said.
+const HOLLOW: f64 = 0.5;
 
 /// Vertices (n × 3) of a convex hull in the frame of its mesh, m.
 pub(super) type Hull = Vec<[f64; 3]>;
@@ -27,6 +30,19 @@ pub(super) type Hull = Vec<[f64; 3]>;
 /// be divided; none if it has no triangle.
 pub fn convex_hulls(sub: &SubMesh, wanted: &ConvexDecomposition) -> Vec<Vec<[f64; 3]>> {
     HullCache::in_folder(None).hulls_of(sub, wanted).to_vec()
+}
+
+/// What the convex hull of a mesh does to its shape, if users should know it.
+pub(super) fn hull_remark(sub: &SubMesh) -> Option<String> {
+    const KEEPS: &str = "`collision mesh type: CONVEX_DECOMPOSITION` of a model file keeps them";
+    if has_holes(&sub.triangles) {
+        return Some(format!("the convex hull of its collision mesh closes the holes in it; {KEEPS}"));
+    }
+    let enclosed = enclosed_volume(&sub.vertices, &sub.triangles)?;
+    let filled = 1.0 - enclosed / decompose::hull_volume(&sub.vertices);
+    let percent = 100.0 * filled;
+    (filled > HOLLOW)
+        .then(|| format!("the convex hull of its collision mesh fills hollows, {percent:.0} % of it; {KEEPS}"))
 }
 
 /// What names the hulls of a sub-mesh: a hash of its surface and of the parameters.
@@ -79,6 +95,11 @@ impl HullCache {
         }
         // Two threads may make the same hulls: both get the same ones.
         let hulls: Arc<[Hull]> = self.read_or_make(key, sub, wanted).into();
+        if decompose::close_up(sub, &hulls) {
+            let message = "the convex hulls of its collision mesh partly close its holes or hollows; more hulls, a finer resolution or a \
+                           lower concavity (`convex decomposition` of a model file) keep them open";
+            self.remark(Severity::Info, message.to_owned());
+        }
         self.made.lock().insert(key, Arc::clone(&hulls));
         hulls
     }
