@@ -13,7 +13,7 @@ use ambf_plugin::{
 use crossbeam_channel::{bounded, Receiver, Sender};
 
 use crate::arm::{Arm, Dialect, Event};
-use crate::bind::{bind, Binding, Moving, Reading};
+use crate::bind::{bind, look_up, Binding, Moving, Reading};
 use crate::config::{self, ArmConfig, ClockKind, ConfigError, Configuration, Kind};
 use crate::diagnostics::{Board, Shown};
 use crate::exchange::{commands, ArmStatus, Inbox, Status};
@@ -174,7 +174,7 @@ impl Plugin for Crtk {
         let scatter = match scatter {
             None => None,
             Some(config) => {
-                let find = |name: &String| context.world.find(ObjectType::Body, name).ok_or_else(|| name.clone());
+                let find = |name: &String| look_up(&context.world, ObjectType::Body, name).ok_or_else(|| name.clone());
                 let bodies = config.bodies.iter().map(find).collect::<Result<Vec<_>, _>>();
                 let bodies = bodies.map_err(|name| format!("`scatter`: the scene has no body `{name}`"))?;
                 Scatter::new(&context.world, &bodies, &config.places)

@@ -7,11 +7,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ambf_core::adf::Launch;
-use ambf_core::bullet::{EnergyLedger, Preset, Ray, RayHit, RayTarget};
+use ambf_core::bullet::{BodyKinematics, EnergyLedger, Preset, Ray, RayHit, RayTarget};
 use ambf_core::comm::{ActuatorCommand, HubIndex, ObjectKind, Snapshot};
 use ambf_core::control::Profile;
 use ambf_core::ids::{ActuatorId, BodyId, JointId, SensorId};
-use ambf_core::scene::{Body, ParameterChange, PreparedModel, StateChange};
+use ambf_core::scene::{Body, ParameterChange, PreparedModel, Scene, StateChange};
 use ambf_core::sim::{LostState, ModelError, Stepper, StepperState};
 use ambf_core::text;
 use ambf_render::camera_labels;
@@ -354,6 +354,11 @@ impl World {
     fn ids(&self) -> (Vec<BodyId>, &[JointId]) {
         (self.rows.iter().map(|row| row.id).collect(), &self.joint_ids)
     }
+}
+
+/// Whether neither the body nor its model has left the scene.
+fn is_there(scene: &Scene, body: &Body) -> bool {
+    !body.removed && scene.models.get(body.identity.model).is_none_or(|model| !model.removed)
 }
 
 /// Values of the rows of bodies, without those that hold a number that is none.
@@ -725,7 +730,7 @@ impl World {
         self.with(py, |physics| {
             let scene = physics.stepper.simulation().scene();
             let is_meant = |(index, body): &(usize, &Body)| {
-                body.identity.passive && scene.world.pose(body.handle).is_some() && self.row_of(BodyId::new(*index)) < 0
+                body.identity.passive && is_there(scene, body) && self.row_of(BodyId::new(*index)) < 0
             };
             scene.bodies.iter().enumerate().filter(is_meant).map(|(i, body)| (i, names::of_body(body))).collect()
         })
@@ -735,11 +740,14 @@ impl World {
     fn body_state(&self, py: Python<'_>, body: usize) -> PyResult<Option<([f64; 7], [f64; 6])>> {
         self.with(py, |physics| {
             let scene = physics.stepper.simulation().scene();
-            let body = scene.bodies.get(BodyId::new(body))?;
-            let pose = scene.world.pose(body.handle)? * body.inertial_offset_inverse;
-            let (linear, angular) = scene.world.velocity(body.handle)?;
+            let mut all = vec![BodyKinematics::default(); scene.bodies.len()];
+            scene.world.read_bodies(&mut all);
+            let (state, body) =
+                (all.get(body)?, scene.bodies.get(BodyId::new(body)).filter(|body| is_there(scene, body))?);
+            let (pose, linear, angular) = (body.pose(&scene.world), state.linear_velocity, state.angular_velocity);
             let (at, turn) = (pose.translation.vector, pose.rotation.coords);
-            let twist = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
+            let [[vx, vy, vz], [wx, wy, wz]] = [linear, angular];
+            let twist = [vx, vy, vz, wx, wy, wz];
             Some(([at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w], twist))
         })
     }

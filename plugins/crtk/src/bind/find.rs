@@ -65,35 +65,38 @@ pub(super) struct Finder<'a, 'w> {
     pub world: &'a View<'w>,
 }
 
+/// The only object whose identifier ends with the last part of a name and holds the parts before in order, such as
+/// `psm1/yaw` or `psm1/JOINT yaw`; else what plugins find under the name.
+pub(crate) fn look_up(world: &View<'_>, kind: ObjectType, name: &str) -> Option<usize> {
+    by_parts(world, kind, name).or_else(|| world.find(kind, name))
+}
+
+fn by_parts(world: &View<'_>, kind: ObjectType, name: &str) -> Option<usize> {
+    let wanted = plain_parts(name);
+    let holds = |index: &usize| {
+        let identifier = world.identifier(ObjectId::new(kind, *index)).unwrap_or_default();
+        let has = plain_parts(&identifier);
+        let mut before = has.iter().take(has.len().saturating_sub(1));
+        let Some((last, first)) = wanted.split_last() else { return false };
+        has.last() == Some(last) && first.iter().all(|part| before.any(|other| other == part))
+    };
+    let mut found = (0..world.count(kind)).filter(holds);
+    let first = found.next()?;
+    found.next().is_none().then_some(first)
+}
+
 /// Most names that an error offers.
 const OFFERED: usize = 3;
 
 impl Finder<'_, '_> {
     pub fn find(&self, kind: ObjectType, name: &str) -> Result<usize, BindError> {
-        let found = self.by_parts(kind, name).or_else(|| self.world.find(kind, name));
-        found.ok_or_else(|| BindError::NoObject {
+        look_up(self.world, kind, name).ok_or_else(|| BindError::NoObject {
             place: self.config.source.clone(),
             arm: self.config.name.clone(),
             kind: if kind == ObjectType::Joint { "joint" } else { "body" },
             name: name.to_owned(),
             near: self.near(kind, name),
         })
-    }
-
-    /// The only object whose identifier ends with the last part of a name and holds the parts before in order, such as
-    /// `psm1/yaw` or `psm1/JOINT yaw`.
-    fn by_parts(&self, kind: ObjectType, name: &str) -> Option<usize> {
-        let wanted = plain_parts(name);
-        let holds = |index: &usize| {
-            let identifier = self.world.identifier(ObjectId::new(kind, *index)).unwrap_or_default();
-            let has = plain_parts(&identifier);
-            let mut before = has.iter().take(has.len().saturating_sub(1));
-            let Some((last, first)) = wanted.split_last() else { return false };
-            has.last() == Some(last) && first.iter().all(|part| before.any(|other| other == part))
-        };
-        let mut found = (0..self.world.count(kind)).filter(holds);
-        let first = found.next()?;
-        found.next().is_none().then_some(first)
     }
 
     fn near(&self, kind: ObjectType, name: &str) -> String {

@@ -12,6 +12,7 @@ use crate::config::{wire_name, ArmConfig};
 use crate::grasp::Grasp;
 use crate::kinematics::{holding_efforts, Coordinates, Kinematics, Limits, Load};
 use crate::trajectory::Bounds;
+pub(crate) use find::look_up;
 pub use find::BindError;
 use find::Finder;
 

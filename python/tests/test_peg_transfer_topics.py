@@ -4,17 +4,20 @@ import json
 import math
 import pathlib
 import socket
-import sys
 import time
 import unittest
 
 import harness
+import rospy
+from ambf_msgs.msg import RigidBodyState
+from ambf_peg_transfer import SYMMETRIC, draw
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import ChannelFloat32, JointState
+from std_msgs.msg import Empty, UInt32
+from support import use_master
 
-REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
-FOLDER = REPOSITORY / "resources/peg_transfer"
-sys.path.append(str(REPOSITORY / "python/ambf_gym/src"))
+FOLDER = pathlib.Path(__file__).resolve().parents[2] / "resources/peg_transfer"
 SEED = 5
-RATE_S = 1 / 200
 
 
 def udp_port():
@@ -24,12 +27,12 @@ def udp_port():
         return probe.getsockname()[1]
 
 
-class PegTransfer(harness.RosTest):
+class PegTransfer(unittest.TestCase):
     """One simulator with a seed, for all tests."""
 
     @classmethod
     def setUpClass(cls):
-        super().setUpClass()
+        cls.master = harness.Master()
         cls.headset = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         cls.headset.bind(("127.0.0.1", 0))
         cls.headset.settimeout(harness.PATIENCE_S)
@@ -41,23 +44,31 @@ class PegTransfer(harness.RosTest):
         crtk = pathlib.Path(harness.folder) / "headset.yaml"
         crtk.write_text(text)
         cls.simulator = harness.Simulator(
-            cls.port,
+            cls.master.port,
             *("--launch_file", FOLDER / "launch.yaml", "-l", "0,1,2,3,4,5", "-p", "200", "-t", "1"),
             *("--profile", "accurate", "--crtk", crtk, "--seed", str(SEED)),
             *("--override_max_comm_freq", "100", "--override_min_comm_freq", "100"),
         )
         cls.simulator.wait_for_topics("/CRTK/psm1/measured_js", "/ambf/env/phantom/block2/State")
-
-        from ambf_msgs.msg import RigidBodyState
-        from geometry_msgs.msg import PoseStamped
-        from sensor_msgs.msg import JointState
-
-        import rospy
-
-        cls.rospy, cls.newest, cls.counts = rospy, {}, {}
-        for name in ("phantom/block1", "phantom/block2", "psm1/baselink", "psm1/toolyawlink", "psm2/toolyawlink", "CameraFrame"):
+        use_master(cls.master.port)
+        rospy.init_node("competitor", disable_signals=True)
+        cls.newest, cls.counts = {}, {}
+        for name in (
+            "phantom/block1",
+            "phantom/block2",
+            "psm1/baselink",
+            "psm1/toolyawlink",
+            "psm2/toolyawlink",
+            "CameraFrame",
+        ):
             rospy.Subscriber(f"/ambf/env/{name}/State", RigidBodyState, cls.keep(name))
-        for name in ("psm1/measured_js", "psm2/measured_js", "psm1/jaw/measure_js", "psm1/jaw/measured_js", "ecm/measured_js"):
+        for name in (
+            "psm1/measured_js",
+            "psm2/measured_js",
+            "psm1/jaw/measure_js",
+            "psm1/jaw/measured_js",
+            "ecm/measured_js",
+        ):
             rospy.Subscriber(f"/CRTK/{name}", JointState, cls.keep(name))
         for name in ("psm1/measured_cp", "psm1/T_b_w", "ecm/measured_cp"):
             rospy.Subscriber(f"/CRTK/{name}", PoseStamped, cls.keep(name))
@@ -67,7 +78,7 @@ class PegTransfer(harness.RosTest):
     def tearDownClass(cls):
         cls.headset.close()
         cls.simulator.stop()
-        super().tearDownClass()
+        cls.master.stop()
 
     @classmethod
     def keep(cls, name):
@@ -93,13 +104,11 @@ class PegTransfer(harness.RosTest):
 
     def publish(self, topic, message):
         if topic not in self.publishers:
-            self.publishers[topic] = self.rospy.Publisher(topic, type(message), queue_size=1)
+            self.publishers[topic] = rospy.Publisher(topic, type(message), queue_size=1)
             self.wait(self.publishers[topic].get_num_connections, f"somebody listens to {topic}")
         self.publishers[topic].publish(message)
 
     def move(self, name, goal):
-        from sensor_msgs.msg import JointState
-
         self.publish(f"/CRTK/{name}/move_jp", JointState(position=goal))
         self.wait(lambda: max(abs(a - b) for a, b in zip(self.joints(name), goal)) < 1e-3, f"{name} is at {goal}")
 
@@ -113,13 +122,19 @@ class PegTransfer(harness.RosTest):
         self.wait(lambda: self.newest["psm1/measured_js"] and self.newest["psm1/T_b_w"], "states come")
         state = self.newest["psm1/measured_js"]
         self.assertEqual((len(state.name), len(state.position), len(state.velocity), len(state.effort)), (8, 6, 6, 0))
-        self.assertEqual((state.header.frame_id, state.name[0], state.name[7]), ("", "baselink-yawlink", "toolyawlink-toolgripperrightlink"))
+        self.assertEqual(
+            (state.header.frame_id, state.name[0], state.name[7]),
+            ("", "baselink-yawlink", "toolyawlink-toolgripperrightlink"),
+        )
         self.assertEqual(self.newest["psm1/measured_cp"].header.frame_id, "psm1/baselink")
         base = self.newest["psm1/T_b_w"]
         self.assertEqual(base.header.frame_id, "world")
         self.assertAlmostEqual(base.pose.position.x, 0.1313066, places=6)
         self.wait(lambda: abs(self.newest["psm1/jaw/measure_js"].position[0] - 0.5) < 0.01, "the jaw opens to 0.5")
-        self.wait(lambda: abs(self.newest["psm1/jaw/measured_js"].position[0] - 0.5) < 0.01, "and is told so in both spellings")
+        self.wait(
+            lambda: abs(self.newest["psm1/jaw/measured_js"].position[0] - 0.5) < 0.01,
+            "and is told so in both spellings",
+        )
         before, begin = self.counts["psm1/measured_js"], time.monotonic()
         time.sleep(2.0)
         rate = (self.counts["psm1/measured_js"] - before) / (time.monotonic() - begin)
@@ -127,8 +142,6 @@ class PegTransfer(harness.RosTest):
 
     def test_2_a_seed_draws_what_python_draws(self):
         """Blocks stand where `draw` puts them, and joints are off by its errors."""
-        from ambf_peg_transfer import SYMMETRIC, draw
-
         drawn = draw(SEED)
         for name, (peg, _) in drawn.blocks.items():
             self.wait(lambda name=name: self.newest[f"phantom/{name}"], "a block is told")
@@ -141,8 +154,6 @@ class PegTransfer(harness.RosTest):
 
     def test_3_errors_are_set_by_a_message(self):
         """What is measured stays, the joints of the scene move."""
-        from sensor_msgs.msg import ChannelFloat32
-
         topic = "/ambf/env/psm1/errors_model/set_errors"
         self.move("psm1", [0.0, 0.0, 0.12, 0.0, 0.0, 0.0])
         for errors in ((0.0, 0.0, 0.0), (0.05, -0.05, 0.004), (0.0, 0.0, 0.0)):
@@ -156,9 +167,6 @@ class PegTransfer(harness.RosTest):
 
     def test_4_a_seed_by_a_message_and_a_reset(self):
         """Blocks are placed anew at once, and after each reset."""
-        from std_msgs.msg import Empty, UInt32
-
-        from ambf_peg_transfer import SYMMETRIC, draw
 
         def placed():
             for name, (peg, _) in draw(9).blocks.items():
@@ -176,8 +184,6 @@ class PegTransfer(harness.RosTest):
 
     def test_5_the_headset(self):
         """60 of each a second, without blanks; tips in front of it; 20 mm are 20 mm; silence holds."""
-        from sensor_msgs.msg import ChannelFloat32
-
         # Channel PSM1 drives psm2: --swap.
         self.publish("/ambf/env/psm2/errors_model/set_errors", ChannelFloat32(values=[0.0, 0.0, 0.0]))
         self.move("psm2", [0.0, 0.0, 0.12, 0.0, 0.0, 0.0])
@@ -220,8 +226,6 @@ class PegTransfer(harness.RosTest):
 
     def test_6_the_cameras_are_moved(self):
         """As an endoscope arm that is not in the scene; at 0 they are where they were."""
-        from sensor_msgs.msg import JointState
-
         self.wait(lambda: self.newest["ecm/measured_cp"] and self.newest["CameraFrame"], "the camera is told")
         self.assertEqual(self.newest["ecm/measured_js"].name, ["j0", "j1", "j2", "j3"])
 
