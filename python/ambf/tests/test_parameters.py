@@ -348,6 +348,35 @@ class Models(unittest.TestCase):
             sim.reset()
             self.assertIn(again, sim.models)
 
+    def test_handles_find_theirs(self):
+        """Sensors, actuators and trees stand elsewhere when models before them are gone."""
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        robot = pathlib.Path(folder.name) / "two.urdf"
+        robot.write_text(TWO)
+        gripper = RESOURCES / "models/gripper.yaml"
+        sim = ambf.Simulation([robot], launch_file=LAUNCH)
+        first = sim.models[-1]
+        sim.add_model(gripper)
+        eye, holder, palm = sim.sensor("proximity"), sim.actuator("holder"), sim.body("gripper/palm")
+        tree = sim.tree("two/upper")
+        second = sim.add_model(robot)
+        later = sim.tree(next(name for name in sim.bodies[::-1] if "upper" in name))
+        matrix = later.mass_matrix(joint_positions=(0.1, 0.2))
+        sim.remove_model(first)
+        np.testing.assert_array_equal(later.mass_matrix(joint_positions=(0.1, 0.2)), matrix)
+        self.assertEqual([sim.joints[i] for i in later.joint_indices], ["a", "b"])
+        self.assertRaises(ambf.NotFoundError, tree.mass_matrix)
+        eye.readings()
+        holder.hold(body="BODY block")
+        sim.step(5)
+        self.assertTrue(holder.holding)
+        self.assertEqual(palm.index, sim.bodies.index(palm.name))
+        sim.remove_model("gripper")
+        self.assertRaises(ambf.NotFoundError, eye.readings)
+        self.assertRaises(ambf.NotFoundError, holder.release)
+        self.assertIn(second, sim.models)
+
     def test_what_can_not_be_added_or_removed(self):
         """It is said, and nothing has changed."""
         sim = ambf.Simulation(RESOURCES / "models/arm7.yaml", launch_file=LAUNCH)
