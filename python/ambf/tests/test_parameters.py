@@ -236,6 +236,15 @@ class Changes(unittest.TestCase):
                 sim.step(10)
                 rates.append(sim.joint_velocities[sim.joints.index("b")])
             self.assertAlmostEqual(rates[-1] / rates[-2], 2.0, delta=0.1, msg=profile)
+            speeds = []
+            for gain in (2.0, 4.0):
+                sim, block = self.block(profile)
+                sim.set_parameters(body_gains={"block": (gain, 0, gain, 0)}, gravity=(0, 0, 0))
+                self.assertEqual(sim.body_gains[block.index].tolist(), [gain, 0, gain, 0])
+                block.kind, block.target_pose = ambf.POSITION, (0.2, 0, 1, 0, 0, 0, 1)
+                sim.step(10)
+                speeds.append(block.twist[0])
+            self.assertAlmostEqual(speeds[1] / speeds[0], 2.0, delta=0.1, msg=profile)
 
     def test_resets_keep_and_restores_bring_back(self):
         """And what follows is what it would be of a scene with such files."""

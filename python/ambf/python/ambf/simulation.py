@@ -300,7 +300,7 @@ class Simulation(Arrays):
     def reset(self) -> None:
         """Returns everything to the start: states, and what follows under the same commands, are to the last bit those of a simulation
         that was just made. The arrays of commands are empty again, actuators hold nothing. Only `sim_step`, `sim_time` and
-        `lost_time` go on.
+        `lost_time` go on. What `set_parameters`, `add_model` and `remove_model` have changed stays.
         """
         self._world.reset()
 
@@ -493,8 +493,9 @@ class Simulation(Arrays):
         """The energy ledger after the last iteration's update, J; all 0 while it is off.
 
         Energies: `kinetic`, `potential` (against the start), `elastic`. Sums of work, positive where energy was gained: `set_states`
-        (poses, velocities and parameters that were set), `wrenches`, `motors`, `body_drives`, `damping`, `joints`, `limits`, `contacts`, `friction`,
-        `corrections` of positions, `outside` (wheels of vehicles, soft bodies), and `unexplained`, the error of the integration.
+        (poses, velocities and parameters that were set), `wrenches`, `motors`, `body_drives`, `damping`, `joints`, `limits`,
+        `contacts`, `friction`, `corrections` of positions, `outside` (wheels of vehicles, soft bodies), and `unexplained`, the error of
+        the integration.
         """
         return dict(self._world.energy())
 
