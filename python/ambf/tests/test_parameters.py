@@ -57,7 +57,23 @@ FREE = TWO.replace('<link name="world"/>', "").replace(
     '<joint name="a" type="continuous"><parent link="world"/><child link="upper"/><axis xyz="0 1 0"/></joint>', ""
 )
 
-FILES = {"block.yaml": BLOCK, "world.yaml": WORLD, "ground.yaml": GROUND, "two.urdf": TWO, "free.urdf": FREE}
+SLED = """
+<robot name="sled"><link name="sled"><inertial><mass value="2"/>
+  <inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
+  <collision><geometry><box size="0.4 0.4 0.2"/></geometry></collision></link>
+<joint name="j" type="revolute"><origin xyz="0 0 0.1"/><parent link="sled"/><child link="top"/><axis xyz="0 0 1"/>
+  <limit lower="-1" upper="1" effort="10" velocity="10"/></joint>
+<link name="top"><inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>
+"""
+
+FILES = {
+    "sled.urdf": SLED,
+    "block.yaml": BLOCK,
+    "world.yaml": WORLD,
+    "ground.yaml": GROUND,
+    "two.urdf": TWO,
+    "free.urdf": FREE,
+}
 
 
 class Changes(unittest.TestCase):
@@ -174,6 +190,29 @@ class Changes(unittest.TestCase):
             before = block.twist[0]
             sim.step(200)
             self.assertAlmostEqual((block.twist[0] - before) / 0.2, (6 - 2) / 2, delta=0.1, msg=profile)
+
+    def test_contacts_of_trees(self):
+        """A tree that is pushed over the ground: friction and weight are those of now."""
+        for profile in PROFILES:
+            sim = self.load("sled.urdf", profile)
+            sled = sim.body("sled/sled")
+            sim.set_state(poses={"sled/sled": (0, 0, 0.1, 0, 0, 0, 1)})
+            sled.kind, sled.wrench = ambf.FORCE, (4, 0, 0, 0, 0, 0)
+            sim.step(300)
+            contacts = sim.contacts()
+            sign = np.where(contacts.bodies[:, 0] == sled.index, 1.0, -1.0)
+            np.testing.assert_allclose((sign[:, None] * contacts.friction_forces).sum(axis=0), (-4, 0, 0), atol=0.05)
+            sim.set_parameters(frictions={"sled/sled": 0.05})
+            for top in (1.0, 4.0):
+                sim.set_parameters(masses={"top": top})
+                weight = 10 * (2 + top)
+                sim.step(1)
+                before = sled.twist[0]
+                sim.step(100)
+                self.assertAlmostEqual(
+                    (sled.twist[0] - before) / 0.1, (4 - 0.05 * weight) / (2 + top), delta=0.02, msg=profile
+                )
+                self.assertAlmostEqual(sim.contacts().forces.sum(), weight, delta=3)
 
     def test_restitution_and_damping(self):
         """A block that bounces, and one that is braked."""
