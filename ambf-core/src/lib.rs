@@ -31,6 +31,8 @@
 //! |---|---|
 //! | programs that step a scene themselves | [`sim::Simulation`], or [`sim::Stepper`] with commands that stay in force and saved states |
 //! | examples of such programs | `examples/step_scene.rs`, `examples/own_controller.rs` |
+//! | Jacobians, mass matrices, inverse dynamics and kinematics | [`scene::Scene::mechanism`], [`tree`] |
+//! | masses, friction, limits, gains that change | [`sim::Stepper::set_parameters`] |
 //! | programs in real time | [`sim::Runner`] repeats the iteration in a thread; others work with it through [`comm::Hub`] |
 //! | files | [`scene::load`]; [`adf`] and [`urdf`] are descriptions alone, [`mesh`] reads triangles |
 //! | code that runs within a simulator | [`plugin`] |

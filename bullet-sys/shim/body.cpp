@@ -46,7 +46,9 @@ void amb_body_set_surface(AmbBody *body, double friction, double rolling_frictio
   body->body.setRollingFriction(rolling_friction);
   body->body.setRestitution(restitution);
   note_change(*body);
-  if (body->world) refresh_contacts(*body);
+  if (!body->world) return;
+  refresh_contacts(*body);
+  body->body.activate();
 }
 
 void amb_body_set_damping(AmbBody *body, double linear, double angular) {

@@ -65,6 +65,7 @@ void amb_hinge_set_limit(AmbConstraint *hinge, double low, double high) {
   hinge->as<btHingeConstraint>().setLimit(low, high);
   hinge->motor.low = low;
   hinge->motor.high = high;
+  activate_bodies(*hinge);
 }
 
 void amb_hinge_set_motor(AmbConstraint *hinge, int enabled, double velocity, double max_impulse) {
@@ -84,6 +85,7 @@ void amb_slider_set_limit(AmbConstraint *slider, double low, double high) {
   s.setUpperLinLimit(high);
   slider->motor.low = low;
   slider->motor.high = high;
+  activate_bodies(*slider);
 }
 
 void amb_slider_lock_rotation(AmbConstraint *slider) {

@@ -100,7 +100,7 @@ pub struct World {
     holding: Buffer,
     commands: BodyCommands,
     cameras: Vec<String>,
-    drawing: Drawing,
+    drawing: Arc<Drawing>,
     pictures: PictureArrays,
     windows: Mutex<Option<Windows>>,
     revision: AtomicU64,
@@ -299,7 +299,7 @@ impl World {
             sensors,
             actuators,
             cameras,
-            drawing: Drawing::default(),
+            drawing: Arc::default(),
             pictures: PictureArrays::default(),
             windows: Mutex::default(),
             revision: AtomicU64::new(revision),
@@ -335,13 +335,11 @@ impl World {
             .filter(|(_, was)| **was)
             .map(|(row, _)| row.id)
             .collect();
-        let made = Self::around(
-            py,
-            Arc::clone(&self.slot),
-            physics,
-            self.warnings.clone(),
-            self.revision.load(Ordering::Relaxed) + 1,
-        )?;
+        let revision = self.revision.load(Ordering::Relaxed) + 1;
+        let mut made = Self::around(py, Arc::clone(&self.slot), physics, self.warnings.clone(), revision)?;
+        // Pictures and windows are of what is published, whoever holds it.
+        made.drawing = Arc::clone(&self.drawing);
+        *made.windows.lock() = self.windows.lock().take();
         made.with(py, |physics| {
             for (row, commanded) in made.rows.iter().zip(&mut physics.requested.commanded) {
                 *commanded = was_commanded.contains(&row.id);

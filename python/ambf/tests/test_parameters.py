@@ -57,7 +57,23 @@ FREE = TWO.replace('<link name="world"/>', "").replace(
     '<joint name="a" type="continuous"><parent link="world"/><child link="upper"/><axis xyz="0 1 0"/></joint>', ""
 )
 
-FILES = {"block.yaml": BLOCK, "world.yaml": WORLD, "ground.yaml": GROUND, "two.urdf": TWO, "free.urdf": FREE}
+SLED = """
+<robot name="sled"><link name="sled"><inertial><mass value="2"/>
+  <inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
+  <collision><geometry><box size="0.4 0.4 0.2"/></geometry></collision></link>
+<joint name="j" type="revolute"><origin xyz="0 0 0.1"/><parent link="sled"/><child link="top"/><axis xyz="0 0 1"/>
+  <limit lower="-1" upper="1" effort="10" velocity="10"/></joint>
+<link name="top"><inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>
+"""
+
+FILES = {
+    "sled.urdf": SLED,
+    "block.yaml": BLOCK,
+    "world.yaml": WORLD,
+    "ground.yaml": GROUND,
+    "two.urdf": TWO,
+    "free.urdf": FREE,
+}
 
 
 class Changes(unittest.TestCase):
@@ -175,6 +191,29 @@ class Changes(unittest.TestCase):
             sim.step(200)
             self.assertAlmostEqual((block.twist[0] - before) / 0.2, (6 - 2) / 2, delta=0.1, msg=profile)
 
+    def test_contacts_of_trees(self):
+        """A tree that is pushed over the ground: friction and weight are those of now."""
+        for profile in PROFILES:
+            sim = self.load("sled.urdf", profile)
+            sled = sim.body("sled/sled")
+            sim.set_state(poses={"sled/sled": (0, 0, 0.1, 0, 0, 0, 1)})
+            sled.kind, sled.wrench = ambf.FORCE, (4, 0, 0, 0, 0, 0)
+            sim.step(300)
+            contacts = sim.contacts()
+            sign = np.where(contacts.bodies[:, 0] == sled.index, 1.0, -1.0)
+            np.testing.assert_allclose((sign[:, None] * contacts.friction_forces).sum(axis=0), (-4, 0, 0), atol=0.05)
+            sim.set_parameters(frictions={"sled/sled": 0.05})
+            for top in (1.0, 4.0):
+                sim.set_parameters(masses={"top": top})
+                weight = 10 * (2 + top)
+                sim.step(1)
+                before = sled.twist[0]
+                sim.step(100)
+                self.assertAlmostEqual(
+                    (sled.twist[0] - before) / 0.1, (4 - 0.05 * weight) / (2 + top), delta=0.02, msg=profile
+                )
+                self.assertAlmostEqual(sim.contacts().forces.sum(), weight, delta=3)
+
     def test_restitution_and_damping(self):
         """A block that bounces, and one that is braked."""
         for profile in PROFILES:
@@ -236,6 +275,15 @@ class Changes(unittest.TestCase):
                 sim.step(10)
                 rates.append(sim.joint_velocities[sim.joints.index("b")])
             self.assertAlmostEqual(rates[-1] / rates[-2], 2.0, delta=0.1, msg=profile)
+            speeds = []
+            for gain in (2.0, 4.0):
+                sim, block = self.block(profile)
+                sim.set_parameters(body_gains={"block": (gain, 0, gain, 0)}, gravity=(0, 0, 0))
+                self.assertEqual(sim.body_gains[block.index].tolist(), [gain, 0, gain, 0])
+                block.kind, block.target_pose = ambf.POSITION, (0.2, 0, 1, 0, 0, 0, 1)
+                sim.step(10)
+                speeds.append(block.twist[0])
+            self.assertAlmostEqual(speeds[1] / speeds[0], 2.0, delta=0.1, msg=profile)
 
     def test_resets_keep_and_restores_bring_back(self):
         """And what follows is what it would be of a scene with such files."""
@@ -347,6 +395,35 @@ class Models(unittest.TestCase):
             self.assertEqual(sim.tree("two/upper").joints, ("a", "b"))
             sim.reset()
             self.assertIn(again, sim.models)
+
+    def test_handles_find_theirs(self):
+        """Sensors, actuators and trees stand elsewhere when models before them are gone."""
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        robot = pathlib.Path(folder.name) / "two.urdf"
+        robot.write_text(TWO)
+        gripper = RESOURCES / "models/gripper.yaml"
+        sim = ambf.Simulation([robot], launch_file=LAUNCH)
+        first = sim.models[-1]
+        sim.add_model(gripper)
+        eye, holder, palm = sim.sensor("proximity"), sim.actuator("holder"), sim.body("gripper/palm")
+        tree = sim.tree("two/upper")
+        second = sim.add_model(robot)
+        later = sim.tree(next(name for name in sim.bodies[::-1] if "upper" in name))
+        matrix = later.mass_matrix(joint_positions=(0.1, 0.2))
+        sim.remove_model(first)
+        np.testing.assert_array_equal(later.mass_matrix(joint_positions=(0.1, 0.2)), matrix)
+        self.assertEqual([sim.joints[i] for i in later.joint_indices], ["a", "b"])
+        self.assertRaises(ambf.NotFoundError, tree.mass_matrix)
+        eye.readings()
+        holder.hold(body="BODY block")
+        sim.step(5)
+        self.assertTrue(holder.holding)
+        self.assertEqual(palm.index, sim.bodies.index(palm.name))
+        sim.remove_model("gripper")
+        self.assertRaises(ambf.NotFoundError, eye.readings)
+        self.assertRaises(ambf.NotFoundError, holder.release)
+        self.assertIn(second, sim.models)
 
     def test_what_can_not_be_added_or_removed(self):
         """It is said, and nothing has changed."""

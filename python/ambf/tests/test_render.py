@@ -58,6 +58,37 @@ def picture_of(count):
 class Pictures(unittest.TestCase):
     """What is in them."""
 
+    def test_colors_cameras_and_lights_are_changed(self):
+        """From the next picture on; a reset returns cameras and lights, not colours."""
+        sim = simulation()
+        first = sim.render("front", 64, 48)
+        middle = first[24, 32].astype(int)
+        self.assertGreater(middle[0], 2 * middle[1], "it is red")
+        sim.set_parameters(colors={"Box": (0, 1, 0, 1)})
+        green = sim.render("front", 64, 48)
+        middle = green[24, 32].astype(int)
+        self.assertGreater(middle[1], 2 * middle[0], "it is green")
+        pose, sim_ids = sim.camera_pose("front"), sim.render("front", 64, 48, rgb=False, ids=True)
+        sim.place_camera("front", (4, 0, 0, 0, 0, 0, 1))
+        np.testing.assert_allclose(sim.camera_pose("front"), (4, 0, 0, 0, 0, 0, 1), atol=1e-12)
+        far = sim.render("front", 64, 48, rgb=False, ids=True)
+        size = (far == far[24, 32]).sum(), (sim_ids == sim_ids[24, 32]).sum()
+        self.assertLess(2 * size[0], size[1], "twice as far away")
+        self.assertEqual(sim.lights, ("sun",))
+        lit = sim.render("front", 64, 48).astype(int)
+        sim.place_light("sun", (-3, 0, -3, 0, 0, 0, 1))
+        self.assertGreater(abs(sim.render("front", 64, 48).astype(int) - lit).max(), 10)
+        sim.reset()
+        np.testing.assert_allclose(sim.camera_pose("front"), pose, atol=1e-9)
+        np.testing.assert_array_equal(sim.render("front", 64, 48), green)
+        for call in (
+            lambda: sim.place_camera("front", (1, 2, 3)),
+            lambda: sim.place_camera("front", np.zeros(7)),
+            lambda: sim.place_light("sun", (np.nan, 0, 0, 0, 0, 0, 1)),
+        ):
+            self.assertRaises(ValueError, call)
+        self.assertRaises(ambf.NotFoundError, sim.place_light, "moon", pose)
+
     def test_all_that_can_be_asked_for(self):
         """Shapes, types, values of a box that is where it is known to be."""
         sim = simulation()

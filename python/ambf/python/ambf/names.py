@@ -37,3 +37,10 @@ def find(name: Union[str, int], names: Sequence[str], what: str) -> int:
     near = difflib.get_close_matches(name, [other.rsplit("/", 1)[-1] for other in names], 3)
     hint = f"; near it: {', '.join(near)}" if near else ""
     raise NotFoundError(f'"{name}" is the name or part of the name of none of the {what}{hint}')
+
+
+def place(name: str, names: Sequence[str], what: str) -> int:
+    """The index of what has exactly that name. Raises NotFoundError."""
+    if name not in names:
+        raise NotFoundError(f'"{name}" is not there any more: it is none of the {what}')
+    return names.index(name)

@@ -30,6 +30,7 @@ from ._ambf import State, version
 from .arrays import FORCE, KINDS, NONE, POSITION, VELOCITY, Arrays
 from .errors import BusyError, ClosedError, NonFiniteError, NotFoundError
 from .names import find as _find
+from .names import place
 from .parameters import PARAMETERS, parameter_array, split_parameters
 from .tree import Tree
 
@@ -314,7 +315,7 @@ class Simulation(Arrays):
     def reset(self) -> None:
         """Returns everything to the start: states, and what follows under the same commands, are to the last bit those of a simulation
         that was just made. The arrays of commands are empty again, actuators hold nothing. Only `sim_step`, `sim_time` and
-        `lost_time` go on.
+        `lost_time` go on. What `set_parameters`, `add_model` and `remove_model` have changed stays.
         """
         self._world.reset()
 
@@ -414,14 +415,13 @@ class Simulation(Arrays):
 
         What is there keeps its state, its commands and its order; as after `set_state`, the state before the commands of the next
         iteration is shown. Arrays are new ones: those of the simulation, and of its bodies
-        that `body` returned, are replaced; handles of sensors and trees are to be asked for again. What was left out or guessed is
+        that `body` returned, are replaced; other handles find theirs when they are asked next. What was left out or guessed is
         added to `warnings`. States that were saved before can't be restored. A reset keeps the model, at its start. Raises LoadError,
         and nothing has changed; ClosedError, BusyError.
         """
-        before = self._world
-        self._world, name, report = before.add_model(os.fspath(path))
+        self._world, name, report = self._world.add_model(os.fspath(path))
         self.warnings = (*self.warnings, *report)
-        self._rebind(before)
+        self._rebind()
         return name
 
     def remove_model(self, name: str) -> str:
@@ -430,32 +430,31 @@ class Simulation(Arrays):
         Arrays are new ones, as after `add_model`; those of handles of what is gone keep their numbers and command nothing. Raises
         NotFoundError, also for the environment; ClosedError, BusyError.
         """
-        before = self._world
-        self._world, removed = before.remove_model(name)
-        self._rebind(before)
+        self._world, removed = self._world.remove_model(name)
+        self._rebind()
         return removed
 
-    def _rebind(self, before: _ambf.World) -> None:
-        """Takes names, arrays, commands and handles over from the world before."""
+    def _rebind(self) -> None:
+        """Takes names and arrays of the new world, and gives it the commands and handles of the one before."""
         old, handles = self.bodies, list(self._handles.values())
         commands = {name: vars(self)[name] for name in _COMMANDS}
         self._bind()
-        places = {name: place for place, name in enumerate(self.bodies)}
+        places = {name: row for row, name in enumerate(self.bodies)}
         kept = [(index, places[name]) for index, name in enumerate(old) if name in places]
         for name, array in commands.items():
-            for index, place in kept:
-                vars(self)[name][place] = array[index]
+            for index, row in kept:
+                vars(self)[name][row] = array[index]
         self._handles.clear()
         for handle in handles:
             if handle.name in places:
-                place = places[handle.name]
+                new = places[handle.name]
                 kinds, values, joints = handle.joint_kinds, handle.joint_commands, handle.joints
-                handle._bind(self, place)
+                handle._bind(self, new)
                 for joint, kind, value in zip(joints, kinds, values):
                     if joint in handle.joints:
                         index = handle.joints.index(joint)
                         handle.joint_kinds[index], handle.joint_commands[index] = kind, value
-                self._handles[place] = handle
+                self._handles[new] = handle
 
     def contacts(self) -> Contacts:
         """All contact points between bodies, as of the last sub-step; those whose distance is positive do not touch yet.
@@ -509,8 +508,9 @@ class Simulation(Arrays):
         """The energy ledger after the last iteration's update, J; all 0 while it is off.
 
         Energies: `kinetic`, `potential` (against the start), `elastic`. Sums of work, positive where energy was gained: `set_states`
-        (poses and velocities that were set), `wrenches`, `motors`, `body_drives`, `damping`, `joints`, `limits`, `contacts`, `friction`,
-        `corrections` of positions, `outside` (wheels of vehicles, soft bodies), and `unexplained`, the error of the integration.
+        (poses, velocities and parameters that were set), `wrenches`, `motors`, `body_drives`, `damping`, `joints`, `limits`,
+        `contacts`, `friction`, `corrections` of positions, `outside` (wheels of vehicles, soft bodies), and `unexplained`, the error of
+        the integration.
         """
         return dict(self._world.energy())
 
@@ -771,18 +771,27 @@ class Sensor(Arrays):
 
     def __init__(self, simulation: Simulation, index: int) -> None:
         self.simulation = simulation
-        self.index = index
         self.name = simulation.sensors[index]
-        begin, end = simulation._world.sensor_rays(index)
-        self.measurements: Array = simulation.measurements[begin:end]
-        """(rays) 0 … 1, larger is closer, 0 is nothing. Read-only. Contact sensors have no rays: `readings` tells theirs."""
+        self._bind()
+
+    def _bind(self) -> _ambf.World:
+        """The world, in which the sensor is looked for where models have come or gone."""
+        world = self.simulation._world
+        if vars(self).get("_world") is not world:
+            vars(self).pop("measurements", None)
+            self.index = place(self.name, self.simulation.sensors, "sensors")
+            begin, end = world.sensor_rays(self.index)
+            self.measurements: Array = self.simulation.measurements[begin:end]
+            """(rays) 0 … 1, larger is closer, 0 is nothing. Read-only. Contact sensors have no rays: `readings` tells theirs."""
+            self._world = world
+        return world
 
     def __repr__(self) -> str:
         return f"<ambf.Sensor: {self.name}, {len(self.measurements)} rays>"
 
     def readings(self) -> Tuple[Array, Tuple[str, ...]]:
         """One number and one name a ray, or a contact (normal force, N): measurement, and body that is seen; "" for none."""
-        measured, seen = self.simulation._world.sensor_readings(self.index)
+        measured, seen = self._bind().sensor_readings(self.index)
         return measured, tuple(seen)
 
 
@@ -791,8 +800,17 @@ class Actuator:
 
     def __init__(self, simulation: Simulation, index: int) -> None:
         self.simulation = simulation
-        self.index = index
         self.name = simulation.actuators[index]
+        self._world: Optional[_ambf.World] = None
+        self._bind()
+
+    def _bind(self) -> _ambf.World:
+        """The world, in which the actuator is looked for where models have come or gone."""
+        world = self.simulation._world
+        if self._world is not world:
+            self.index = place(self.name, self.simulation.actuators, "actuators")
+            self._world = world
+        return world
 
     def __repr__(self) -> str:
         return f"<ambf.Actuator: {self.name}, {'holds something' if self.holding else 'holds nothing'}>"
@@ -800,6 +818,7 @@ class Actuator:
     @property
     def holding(self) -> bool:
         """Whether it holds something."""
+        self._bind()
         return bool(self.simulation.holding[self.index])
 
     def hold(self, *, sensor: str = "", body: str = "") -> None:
@@ -809,11 +828,11 @@ class Actuator:
         """
         if bool(sensor) == bool(body):
             raise ValueError("give either sensor or body")
-        self.simulation._world.hold(self.index, True, sensor, body)
+        self._bind().hold(self.index, True, sensor, body)
 
     def release(self) -> None:
         """Lets go in the next step."""
-        self.simulation._world.hold(self.index, False, "", "")
+        self._bind().hold(self.index, False, "", "")
 
 
 def step_all(simulations: Sequence[Simulation], steps: Union[int, Sequence[int]] = 1) -> None:

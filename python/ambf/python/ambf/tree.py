@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, List, NamedTuple, Optional, Sequence, Tuple, U
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .names import find
+from .names import find, place
 
 if TYPE_CHECKING:
     from . import _ambf
@@ -50,14 +50,17 @@ class Tree:
 
     def __init__(self, simulation: Simulation, body: int) -> None:
         self.simulation = simulation
-        self._body = body
-        self._revision = simulation._world.revision
-        self._inside = inside = simulation._world.tree(body)
+        self._body = simulation.bodies[body]
+        self._bind()
+
+    def _bind(self) -> None:
+        self._revision = self.simulation._world.revision
+        self._inside = inside = self.simulation._world.tree(place(self._body, self.simulation.bodies, "bodies"))
         self.bodies: Tuple[str, ...] = tuple(inside.bodies_by_name)
         """Names of the bodies; the first is the base, each other one comes after what it hangs on."""
         self.joint_indices: NDArray[np.intp] = np.array(inside.joints, dtype=np.intp)
         """(joints) where they stand in the simulation's arrays."""
-        self.joints: Tuple[str, ...] = tuple(simulation.joints[index] for index in inside.joints)
+        self.joints: Tuple[str, ...] = tuple(self.simulation.joints[index] for index in inside.joints)
         """Names of the joints with a coordinate, in the order of the simulation."""
         self.is_free: bool = inside.is_free
         """Whether no body of it stands still."""
@@ -70,11 +73,13 @@ class Tree:
     @property
     def joint_positions(self) -> Array:
         """(joints) present ones, rad or m: a copy."""
+        self._current()
         return self.simulation.joint_positions[self.joint_indices]
 
     @property
     def rates(self) -> Array:
         """(n) present ones: a copy."""
+        self._current()
         joints = self.simulation.joint_velocities[self.joint_indices]
         return np.concatenate([self._state()[1], joints]) if self.is_free else joints
 
@@ -186,17 +191,17 @@ class Tree:
         )
 
     def _link(self, body: Union[str, int]) -> int:
+        self._current()
         return find(body, self.bodies, "bodies of the tree")
 
     def _current(self) -> _ambf.Tree:
-        revision = self.simulation._world.revision
-        if revision != self._revision:
-            self._inside = self.simulation._world.tree(self._body)
-            self._revision = revision
+        # Masses, limits, gravity or the scene were changed.
+        if self.simulation._world.revision != self._revision:
+            self._bind()
         return self._inside
 
     def _state(self) -> Tuple[List[float], List[float]]:
-        return self.simulation._world.tree_base(self._inside)
+        return self.simulation._world.tree_base(self._current())
 
     def _place(self, positions: Optional[ArrayLike], base: Optional[ArrayLike]) -> Tuple[List[float], Array]:
         pose = self._state()[0] if base is None else _list(base, 7, "base_pose")
