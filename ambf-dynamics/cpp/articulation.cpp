@@ -259,6 +259,7 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
         break;
     }
   }
+  take_couplings();
   dynamics.finish();
   multi_body->finalizeMultiDof();
   multi_body->setLinearDamping(0);
@@ -351,6 +352,37 @@ void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is
   springs.push_back({&constraint, link, low, high});
 }
 
+// Makes the couplings between its joints parts of the equations of motion.
+void AmbArticulation::take_couplings() {
+  for (AmbCoupling *coupling : engine_of(world).couplings) {
+    if (coupling->articulation() != this) continue;
+    coupling->follow_articulation(world);
+    couplings.push_back(coupling);
+    ArticulationDynamics::Coupling &terms = dynamics.couplings.emplace_back();
+    for (const AmbCoupling::Term &term : coupling->terms)
+      terms.push_back({dynamics.links[term.joint->link - 1].coordinate, term.factor});
+  }
+}
+
+// Keeps the coordinates of coupled joints with all their turns.
+void AmbArticulation::remember_coordinates() {
+  for (size_t i = 0; i < couplings.size(); ++i) {
+    for (size_t k = 0; k < couplings[i]->terms.size(); ++k)
+      couplings[i]->terms[k].last = position.q[dynamics.couplings[i][k].coordinate];
+  }
+}
+
+// Gives followers the coordinates that their leaders ask for; angles of joints are known up to whole turns before.
+void AmbArticulation::close_couplings() {
+  for (size_t i = 0; i < couplings.size(); ++i) {
+    AmbCoupling &coupling = *couplings[i];
+    const ArticulationDynamics::Coupling &terms = dynamics.couplings[i];
+    const auto coordinate = [&](size_t k) -> btScalar & { return position.q[terms[k].coordinate]; };
+    coupling.complete(coordinate, true);
+    coordinate(0) = coupling.wanted(coordinate);
+  }
+}
+
 // The damping of a hinge or slider: a spring without stiffness.
 void AmbArticulation::add_damper(AmbConstraint &joint, size_t link) {
   ArticulationDynamics::Spring damper;
@@ -412,6 +444,8 @@ AmbArticulation::~AmbArticulation() {
     joint.articulation = nullptr;
     world.world->addConstraint(joint.constraint.get());
   }
+  remember_coordinates();
+  for (AmbCoupling *coupling : couplings) coupling->follow_articulation(world);
   for (const Spring &spring : springs) {
     if (spring.constraint == members[spring.link + 1].joint) continue;
     world.world->addConstraint(spring.constraint->constraint.get());
@@ -435,7 +469,10 @@ void AmbArticulation::apply_set_state() {
   if (!poses_set && !velocities_set) return;
   if (poses_set) {
     dynamics.reset_estimates();
-    if (joint_rows) joint_rows->reset();
+    if (joint_rows) {
+      joint_rows->reset();
+      remember_coordinates();
+    }
     base_pose = members[0].body->body.getWorldTransform();
     position.origin = base_pose.getOrigin();
     position.rotation = base_pose.getRotation();
@@ -462,6 +499,7 @@ void AmbArticulation::apply_set_state() {
         q = link.axis.dot(relative.getOrigin() - relative.getBasis() * link.arm - link.pivot);
       }
     }
+    close_couplings();
   }
   dynamics.update_poses(position);
   if (velocities_set) {
@@ -502,7 +540,9 @@ void AmbArticulation::integrate_free_motion(btScalar h) {
   }
   if (has_feedback) remember_momenta();
   choose_springs(h);
-  const bool is_alone = !has_contact && external_constraint_count == 0 && !has_wide_limits && !is_driven();
+  // Motors and limits of coupled joints may contradict each other, which rows resolve.
+  const bool is_alone =
+      !has_contact && external_constraint_count == 0 && !has_wide_limits && !is_driven() && couplings.empty();
   if (is_alone) {
     joint_rows->plan_drives(h);
     dynamics.step(h, position, rate, free_position, free_rate);
@@ -598,6 +638,11 @@ void AmbArticulation::integrate(btScalar h) {
   if (is_corrected && is_accounted) book_correction(h);
   if (is_corrected) dynamics.advance_position(position, h, correction);
   is_corrected = false;
+  for (size_t i = 0; i < couplings.size(); ++i) {
+    const ArticulationDynamics::Coupling &terms = dynamics.couplings[i];
+    const auto coordinate = [&](size_t k) -> btScalar & { return position.q[terms[k].coordinate]; };
+    coordinate(0) = couplings[i]->wanted(coordinate);
+  }
   if (dynamics.fixed_base) {
     position.origin = base_pose.getOrigin();
     rate.linear.setZero();

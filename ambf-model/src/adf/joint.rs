@@ -4,6 +4,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::common::Common;
 use super::controller::{Controller, ControllerOutput, Gains};
+use super::coupling::Coupling;
 use super::reader::{Map, Range};
 use super::report::ProblemKind;
 use super::values::Base;
@@ -66,6 +67,8 @@ pub struct Joint {
     /// What a hinge or slider loses, and what its drive can do at most. Default, and in every ADF file: nothing is lost or
     /// bounded.
     pub drive_train: DriveTrain,
+    /// What a hinge or slider follows; `None`: it moves on its own. Not known to the C++ program. Default: `None`.
+    pub coupling: Option<Coupling>,
 }
 
 /// What a hinge or slider loses, and what its drive can do at most.
@@ -235,6 +238,7 @@ impl Joint {
             assemble: map.boolean("assemble").unwrap_or(true),
             controller,
             drive_train: DriveTrain::default(),
+            coupling: Coupling::read(map),
             kind,
         };
         if !matches!(joint.kind, JointKind::PointToPoint | JointKind::Unknown(_)) {
@@ -315,6 +319,11 @@ impl JointKind {
                 Self::Unknown(text)
             }
         }
+    }
+
+    /// Whether it is a hinge or a slider, which drives move.
+    pub(crate) fn has_drive(&self) -> bool {
+        matches!(self, Self::Revolute | Self::Prismatic)
     }
 
     /// True for types whose limits, damping and stiffness are plain numbers, whether or not they have a use for them.
