@@ -71,6 +71,9 @@ differences! {
     ENABLE_MOTOR_ALONE: "enable motor", "enable motor",
         "counts",
         "looks for `enable feedback` instead, and refuses the file because it is missing";
+    COUPLING: "coupling", "coupling",
+        "makes the joint follow others",
+        "moves the joint on its own";
     DAMPING_UNUSED: "no effect", "damping",
         "has no effect: only springs have damping",
         "";

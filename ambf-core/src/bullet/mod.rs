@@ -12,6 +12,7 @@ mod arena;
 mod articulation;
 mod body;
 mod constraint;
+mod coupling;
 mod contact;
 mod drive;
 mod energy;

@@ -10,7 +10,7 @@ use crate::adf::{self, ControllerOutput, JointKind, Limits, SixDofLimits, Source
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, ConstraintParameter, Resistance, Spring, World};
 use crate::comm::JointCommandType;
 use crate::control::{shortest_angle, JointController, Profile};
-use crate::ids::{BodyId, ModelId};
+use crate::ids::{BodyId, JointId, ModelId};
 
 /// What kind of coordinate a joint has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -100,6 +100,22 @@ impl From<&JointKind> for JointType {
     }
 }
 
+/// What a joint follows: its position is the sum of those of its leaders, each times the ratio beside it, plus the offset.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointCoupling {
+    /// The leaders, and the rate of the follower over that of each.
+    pub leaders: Vec<(JointId, f64)>,
+    /// rad or m.
+    pub offset: f64,
+}
+
+impl JointCoupling {
+    /// The position that the leaders ask for where theirs are `position`, rad or m.
+    pub fn asked(&self, position: impl Fn(JointId) -> f64) -> f64 {
+        self.offset + self.leaders.iter().map(|&(leader, ratio)| ratio * position(leader)).sum::<f64>()
+    }
+}
+
 /// A joint of a [`Scene`](super::Scene).
 #[derive(Debug, Clone)]
 pub struct Joint {
@@ -125,6 +141,8 @@ pub struct Joint {
     pub max_motor_impulse: f64,
     /// What it loses, and what its drive can do at most.
     pub drive_train: adf::DriveTrain,
+    /// What it follows.
+    pub coupling: Option<JointCoupling>,
     /// Reactions are estimated.
     pub feedback: bool,
     /// rad or m after the latest iteration.
@@ -174,6 +192,7 @@ impl Joint {
             enable_motor: _,
             max_motor_impulse: _,
             drive_train: _,
+            coupling: _,
             feedback: _,
             position,
             velocity,
@@ -224,6 +243,7 @@ impl Joint {
             enable_motor: joint.enable_motor,
             max_motor_impulse: joint.max_motor_impulse,
             drive_train: joint.drive_train,
+            coupling: None,
             feedback: joint.enable_feedback,
             position: 0.0,
             velocity: 0.0,

@@ -133,6 +133,12 @@ pub struct Model {
 }
 
 impl Model {
+    /// Whether joints in reduced coordinates hold in every profile where constraints between bodies would give way: links without
+    /// a mass carry others, or joints are coupled.
+    pub fn wants_reduced_coordinates(&self) -> bool {
+        self.has_massless_links || self.joints.iter().any(|joint| joint.coupling.is_some())
+    }
+
     /// Names and file without anything else: what is kept of a model that was taken out of a scene.
     pub fn outline(&self) -> Self {
         Self::empty(self.name.clone(), self.namespace.clone(), Arc::clone(&self.file))

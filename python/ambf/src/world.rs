@@ -9,7 +9,7 @@ use ambf_core::adf::Launch;
 use ambf_core::bullet::{EnergyLedger, Ray, RayHit, RayTarget};
 use ambf_core::comm::{ActuatorCommand, HubIndex, ObjectKind, Snapshot};
 use ambf_core::ids::{ActuatorId, BodyId, JointId, SensorId};
-use ambf_core::scene::{Joint, StateChange};
+use ambf_core::scene::{Joint, JointCoupling, StateChange};
 use ambf_core::sim::{LostState, Stepper, StepperState};
 use ambf_core::text;
 use ambf_render::camera_labels;
@@ -649,6 +649,19 @@ impl World {
         self.with(py, |physics| {
             let scene = physics.stepper.simulation().scene();
             scene.joints.iter().map(|joint| joint.joint_type.name()).collect()
+        })
+    }
+
+    /// Of each joint that follows others its index, those of its leaders with their ratios, and the offset.
+    #[getter]
+    fn couplings(&self, py: Python<'_>) -> PyResult<Vec<(usize, Vec<(usize, f64)>, f64)>> {
+        self.with(py, |physics| {
+            let joints = &physics.stepper.simulation().scene().joints;
+            let coupled = joints.entries().filter_map(|(id, joint)| Some((id, joint.coupling.as_ref()?)));
+            let leaders = |coupling: &JointCoupling| -> Vec<(usize, f64)> {
+                coupling.leaders.iter().map(|&(leader, ratio)| (leader.index(), ratio)).collect()
+            };
+            coupled.map(|(id, coupling)| (id.index(), leaders(coupling), coupling.offset)).collect()
         })
     }
 

@@ -50,6 +50,17 @@ EFFORT = FORCE
 _KINDS = "NONE (-1), FORCE or EFFORT (0), POSITION (1) or VELOCITY (2)"
 
 
+class Coupling(NamedTuple):
+    """A joint that follows others: its position is the sum of theirs, each times its ratio, plus the offset."""
+
+    follower: int
+    """Where it stands in the arrays of joints."""
+    leaders: Tuple[Tuple[int, float], ...]
+    """Where the others stand there, and the rate of the follower over that of each: rad/rad, m/m, m/rad or rad/m."""
+    offset: float
+    """rad or m."""
+
+
 class Contacts(NamedTuple):
     """Contact points, one a row."""
 
@@ -195,6 +206,10 @@ class Simulation(_Arrays):
         """(joints x 2) lower and upper limit, rad or m; infinite where there is none. Read-only."""
         self.joint_types: Tuple[str, ...] = tuple(inside.joint_types)
         """(joints) "revolute", "prismatic", "linear spring", "torsion spring"; and those without a coordinate: "fixed", "p2p", …"""
+        self.couplings: Tuple[Coupling, ...] = tuple(
+            Coupling(follower, tuple(leaders), offset) for follower, leaders, offset in inside.couplings
+        )
+        """Joints that follow others."""
         self._handles: Dict[int, Body] = {}
 
     @property
