@@ -372,13 +372,14 @@ void AmbArticulation::remember_coordinates() {
   }
 }
 
-// Gives followers the coordinates that their leaders ask for; angles of joints are known up to whole turns before.
+// Gives followers the coordinates that their leaders ask for; angles of joints are known up to whole turns before. At the
+// start those of the leaders have none.
 void AmbArticulation::close_couplings() {
   for (size_t i = 0; i < couplings.size(); ++i) {
     AmbCoupling &coupling = *couplings[i];
     const ArticulationDynamics::Coupling &terms = dynamics.couplings[i];
     const auto coordinate = [&](size_t k) -> btScalar & { return position.q[terms[k].coordinate]; };
-    coupling.complete(coordinate, true);
+    coupling.complete(coordinate, joint_rows != nullptr);
     coordinate(0) = coupling.wanted(coordinate);
   }
 }

@@ -68,8 +68,7 @@ void AmbCoupling::follow_articulation(AmbWorld &world) {
 }
 
 void AmbCoupling::reset() {
-  has_jumped = true;
-  is_known = false;
+  has_jumped = is_known = false;
   guess = 0;
   for (Term &term : terms) term.last = 0;
 }
@@ -100,16 +99,19 @@ void amb_world_uncouple(AmbWorld *world, AmbCoupling *coupling) {
 }
 
 double amb_coupling_error(const AmbCoupling *coupling) {
+  const size_t n = coupling->terms.size();
+  Vector<btScalar> q(n);
+  const auto coordinate = [&](size_t i) -> btScalar & { return q[i]; };
+  if (AmbArticulation *const articulation = coupling->articulation()) {
+    for (size_t i = 0; i < n; ++i) q[i] = articulation->coordinate(*coupling->terms[i].joint);
+    return q[0] - coupling->wanted(coordinate);
+  }
+  for (size_t i = 0; i < n; ++i) q[i] = coordinate_row(*coupling->terms[i].joint).coordinate;
   // Of a copy: a look from outside changes nothing.
   AmbCoupling look;
   look.terms = coupling->terms;
   look.offset = coupling->offset;
-  Vector<btScalar> q;
-  for (const AmbCoupling::Term &term : coupling->terms) {
-    q.push_back(term.joint->articulation ? term.joint->articulation->coordinate(*term.joint)
-                                         : coordinate_row(*term.joint).coordinate);
-  }
-  return look.complete([&](size_t i) -> btScalar & { return q[i]; }, coupling->has_jumped && !coupling->articulation());
+  return look.complete(coordinate, coupling->has_jumped);
 }
 
 }  // extern "C"

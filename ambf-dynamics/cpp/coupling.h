@@ -63,7 +63,7 @@ struct AmbCoupling {
   AmbArticulation *articulation() const;
   // Brings its links into the world, or takes them out of it: they are there while it is a row of the solver.
   void follow_articulation(AmbWorld &world);
-  // Forgets the motion.
+  // Forgets the motion, and with it all turns.
   void reset();
 
   // The first is the follower.
@@ -72,7 +72,7 @@ struct AmbCoupling {
   Vector<std::unique_ptr<CouplingLink>> links;
   bool is_linked = false;
   // Poses were set since the last look.
-  bool has_jumped = true;
+  bool has_jumped = false;
   // Impulse of the row in the last sub-step, N s or N m s, and whether it is known.
   btScalar guess = 0;
   bool is_known = false;

@@ -135,6 +135,7 @@ mod tests {
         for kind in [WorldKind::Rigid, WorldKind::Articulated] {
             let mut world = World::savable(Solver::Accurate, kind).expect("address space");
             let [(leader, turned), (follower, moved)] = pair(&mut world, [HINGE, SLIDER]);
+            world.set_pose(moved, &Isometry3::translation(0.5, 2.0, 0.0));
             assert!(world.couple(follower, &[(leader, 0.01)], 0.5));
             if kind == WorldKind::Articulated {
                 assert!(world.articulate(&[leader, follower]).is_some());

@@ -114,14 +114,13 @@ fn a_rack_reflects_its_mass_and_its_load() {
             bench.steps(1000);
             let (way, rate) = (bench.position("b").z, bench.velocity("b").0.z);
             let expected = -10.0 * 8.0 / (8.0 + 0.01 / 0.0025);
-            close(rate, expected, 0.15);
+            // The damping of bodies takes 3 %.
+            close(rate, 0.97 * expected, 0.05);
             assert!(way / 0.05 < -50.0, "{way} m");
             let turn = bench.velocity("a").1.y;
             close(rate, 0.05 * turn, 1e-6);
-            let angle = position(&bench, "turn") - position(&bench, "slide") / 0.05;
-            let apart = 0.05 * (angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round());
-            // Positions of bodies and joints are read half a sub-step apart.
-            assert!(apart.abs() < 1e-4, "{profile:?} {articulated:?}: {apart} m");
+            let apart = bench.0.scene().coupling_error(JointId::new(1)).expect("it follows");
+            assert!(apart.abs() < 1e-6, "{profile:?} {articulated:?}: {apart} m");
         }
     }
 }
@@ -156,8 +155,9 @@ fn a_differential_adds_two_joints() {
             let [w0, w1, w2] = ["w0", "w1", "w2"].map(|name| bench.velocity(name).1.z / 0.05);
             let through = 0.25 / 0.01 + 0.25 / 0.02;
             let carried = 1.0 / (1.0 + 0.04 * through);
-            close(w0, 0.5 * carried / 0.01, 0.2);
-            close(w1, 0.5 * carried / 0.02, 0.1);
+            // In `accurate` forces act for half of the first sub-step.
+            close(w0, 0.5 * carried / 0.01, 0.3);
+            close(w1, 0.5 * carried / 0.02, 0.15);
             close(w2, 0.5 * (w0 + w1), 1e-6);
             // The third is held: the first two turn against each other.
             bench.command("base", 2, Effort, 0.0, 1);
@@ -303,14 +303,15 @@ fn gap(bench: &Bench) -> f64 {
 fn a_link_with_two_parents_closes_a_loop() {
     for (profile, most) in [(Profile::Legacy, 1e-3), (Profile::Accurate, 1e-5)] {
         let mut bench = bench(profile, None, HEAVY, &parallelogram(""));
-        let mut widest = 0.0_f64;
+        let (mut widest, mut fastest) = (0.0_f64, 0.0_f64);
         for _ in 0..1000 {
             bench.update(DT);
             widest = widest.max(gap(&bench));
+            fastest = fastest.max(bench.velocity("a").1.norm());
         }
         assert!(widest < most, "{profile:?}: {widest} m");
         assert!((bench.pose("a").translation.vector - Vector3::z()).norm() < 1e-3);
-        assert!(bench.velocity("a").1.norm() > 0.5, "it swings");
+        assert!(fastest > 3.0, "it swings")
     }
 }
 
@@ -389,6 +390,40 @@ fn states_resets_and_saved_states_keep_couplings_closed() {
             assert_eq!(positions(&stepper), first, "{what}: episodes are equal");
         }
     }
+}
+
+#[test]
+fn trees_and_constraints_between_bodies_move_alike() {
+    // A free base with two arms of two joints each; the outer joints follow the inner ones of the other arm.
+    let mut text = format!("<robot name='r'>{}", link("base", 2.0, 0.02, "0 0 0"));
+    for (arm, x) in [("l", -0.1), ("r", 0.1)] {
+        let other = if arm == "l" { "r" } else { "l" };
+        let [inner, outer] = [format!("{arm}0"), format!("{arm}1")];
+        let follows = mimic(&format!("j{other}0"), -0.7, 0.1);
+        text += &link(&inner, 0.5, 0.005, "0 0 -0.15");
+        text += &link(&outer, 0.3, 0.003, "0.02 0 -0.1");
+        text += &joint(&format!("j{inner}"), "continuous", "base", &inner, "0 1 0", &format!("<origin xyz='{x} 0 0'/>"));
+        text += &joint(&format!("j{outer}"), "continuous", &inner, &outer, "0.6 0.8 0", &format!("<origin xyz='0 0 -0.3'/>{follows}"));
+    }
+    text += "</robot>";
+    let run = |articulated| {
+        let mut bench = bench(Profile::Accurate, articulated, WEIGHTLESS, &text);
+        assert_eq!(bench.joint("jl0").name, "jl0");
+        for step in 0..400 {
+            bench.push("base", Vector3::new(2.0, 1.0, 0.0));
+            bench.command("base", 0, Effort, if step < 200 { 0.3 } else { -0.2 }, 1);
+        }
+        let scene = bench.0.scene();
+        let errors = (0..4).filter_map(|joint| scene.coupling_error(JointId::new(joint)));
+        let worst = errors.map(f64::abs).fold(0.0, f64::max);
+        (["jl0", "jr0", "jl1", "jr1"].map(|name| position(&bench, name)), bench.position("base"), worst)
+    };
+    let (tree, place, exact) = run(None);
+    let (bodies, other, small) = run(Some(false));
+    assert!(exact < 1e-12 && small < 1e-6, "{exact:e} and {small:e} rad");
+    let apart = tree.iter().zip(&bodies).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(tree[0].abs() > 0.1 && apart < 2e-3, "{tree:?} and {bodies:?}");
+    assert!((place - other).norm() < 1e-3, "{place} and {other}");
 }
 
 #[test]
