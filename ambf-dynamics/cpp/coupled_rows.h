@@ -10,8 +10,8 @@
 
 #include "coupling.h"
 
-// A row acts on the bodies of all joints of its coupling, which a row of Bullet, with two bodies, cannot: it is solved after
-// Bullet's rows in each iteration. Islands with such rows have no other solver than sequential impulses, or that of
+// A row acts on the bodies of all joints of its coupling, which a row of Bullet, with two bodies, cannot: it is solved
+// after Bullet's rows in each iteration. Islands with such rows have no other solver than sequential impulses, or that of
 // AccurateSolver, which adds them to its problem.
 template <class Base>
 class WithCouplings : public Base {
@@ -49,9 +49,11 @@ class WithCouplings : public Base {
                                 int manifold_count, btTypedConstraint **constraints, int constraint_count,
                                 const btContactSolverInfo &info, btIDebugDraw *debug) override {
     // The directions of conjugate gradients do not know these rows.
-    using Iterated = std::conditional_t<std::is_base_of_v<btNNCGConstraintSolver, Base>, btSequentialImpulseConstraintSolver, Base>;
+    constexpr bool has_directions = std::is_base_of_v<btNNCGConstraintSolver, Base>;
+    using Iterated = std::conditional_t<has_directions, btSequentialImpulseConstraintSolver, Base>;
     if (coupled_rows_.empty())
-      return Base::solveSingleIteration(iteration, bodies, n, manifolds, manifold_count, constraints, constraint_count, info, debug);
+      return Base::solveSingleIteration(iteration, bodies, n, manifolds, manifold_count, constraints, constraint_count,
+                                        info, debug);
     btScalar residual = Iterated::solveSingleIteration(iteration, bodies, n, manifolds, manifold_count, constraints,
                                                        constraint_count, info, debug);
     for (CoupledRow &row : coupled_rows_) residual = std::max(residual, solve_coupled_row(row));
@@ -61,9 +63,11 @@ class WithCouplings : public Base {
   btScalar solveGroupCacheFriendlyIterations(btCollisionObject **bodies, int n, btPersistentManifold **manifolds,
                                              int manifold_count, btTypedConstraint **constraints, int constraint_count,
                                              const btContactSolverInfo &info, btIDebugDraw *debug) override {
-    using Iterated = std::conditional_t<std::is_base_of_v<btMLCPSolver, Base>, btSequentialImpulseConstraintSolver, Base>;
+    constexpr bool is_direct = std::is_base_of_v<btMLCPSolver, Base>;
+    using Iterated = std::conditional_t<is_direct, btSequentialImpulseConstraintSolver, Base>;
     if (coupled_rows_.empty())
-      return Base::solveGroupCacheFriendlyIterations(bodies, n, manifolds, manifold_count, constraints, constraint_count, info, debug);
+      return Base::solveGroupCacheFriendlyIterations(bodies, n, manifolds, manifold_count, constraints,
+                                                     constraint_count, info, debug);
     return Iterated::solveGroupCacheFriendlyIterations(bodies, n, manifolds, manifold_count, constraints, constraint_count,
                                                        info, debug);
   }
@@ -96,7 +100,8 @@ class WithCouplings : public Base {
       CoupledPart &part = coupled_parts_[i];
       const btSolverBody &body = this->m_tmpSolverBodyPool[part.body];
       part.by_linear = part.linear * body.internalGetInvMass();
-      part.by_angular = body.m_originalBody->getInvInertiaTensorWorld() * part.angular * body.m_originalBody->getAngularFactor();
+      const btRigidBody &original = *body.m_originalBody;
+      part.by_angular = original.getInvInertiaTensorWorld() * part.angular * original.getAngularFactor();
       row.response += part.linear.dot(part.by_linear) + part.angular.dot(part.by_angular);
       row.velocity += part.linear.dot(body.m_linearVelocity + body.m_externalForceImpulse) +
                       part.angular.dot(body.m_angularVelocity + body.m_externalTorqueImpulse);
@@ -126,7 +131,8 @@ class WithCouplings : public Base {
     if (!(row.response > 0)) return 0;
     const btScalar changed = sum_of_parts(row, [this](const CoupledPart &part) {
       btSolverBody &body = this->m_tmpSolverBodyPool[part.body];
-      return part.linear.dot(body.internalGetDeltaLinearVelocity()) + part.angular.dot(body.internalGetDeltaAngularVelocity());
+      return part.linear.dot(body.internalGetDeltaLinearVelocity()) +
+             part.angular.dot(body.internalGetDeltaAngularVelocity());
     });
     const btScalar missing = row.target - row.velocity - changed, impulse = missing / row.response;
     row.impulse += impulse;

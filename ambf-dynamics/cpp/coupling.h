@@ -16,7 +16,8 @@ class CouplingLink : public btTypedConstraint {
   // Its user constraint type, by which it is known among constraints.
   static constexpr int USER_TYPE = 0x636f7570;
 
-  CouplingLink(AmbCoupling &owner, btRigidBody &a, btRigidBody &b) : btTypedConstraint(D6_CONSTRAINT_TYPE, a, b), coupling(owner) {
+  CouplingLink(AmbCoupling &owner, btRigidBody &a, btRigidBody &b)
+      : btTypedConstraint(D6_CONSTRAINT_TYPE, a, b), coupling(owner) {
     setUserConstraintType(USER_TYPE);
   }
 

@@ -15,8 +15,10 @@
 std::unique_ptr<btConstraintSolver> soft_row_solver_of(int solver, btMLCPSolverInterface *mlcp,
                                                        const AccurateContext &accurate, EnergyLedger &ledger) {
   if (mlcp) return std::make_unique<WithLedger<WithSoftMatrix<WithCouplings<btMLCPSolver>>>>(ledger, mlcp);
-  if (solver == AmbSolver_Nncg) return std::make_unique<WithLedger<WithSoftRows<WithCouplings<btNNCGConstraintSolver>>>>(ledger);
-  if (solver == AmbSolver_WarmFriction) return std::make_unique<WithLedger<WithSoftRows<WithCouplings<WarmFrictionSolver>>>>(ledger);
+  if (solver == AmbSolver_Nncg)
+    return std::make_unique<WithLedger<WithSoftRows<WithCouplings<btNNCGConstraintSolver>>>>(ledger);
+  if (solver == AmbSolver_WarmFriction)
+    return std::make_unique<WithLedger<WithSoftRows<WithCouplings<WarmFrictionSolver>>>>(ledger);
   if (solver == AmbSolver_Accurate) {
     using Accurate = AccurateSolver<SecondOrder<WithCouplings<btSequentialImpulseConstraintSolver>>>;
     return std::make_unique<WithLedger<WithSoftRows<Accurate>>>(ledger, accurate);

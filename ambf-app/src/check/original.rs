@@ -74,9 +74,9 @@ differences! {
     COUPLING: "coupling", "coupling",
         "makes the joint follow others",
         "moves the joint on its own";
-    DAMPING_UNUSED: "no effect", "damping",
-        "has no effect: only springs have damping",
-        "";
+    DRIVE_TRAIN: "drive train", "drive train",
+        "counts",
+        "loses nothing by it, and bounds nothing";
     SPRING_LOCKED: "no effect", "joint limits",
         "are missing or not both there: the spring is locked and its stiffness has no effect",
         "";

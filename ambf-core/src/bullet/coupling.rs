@@ -175,9 +175,12 @@ mod tests {
     fn what_cannot_be_coupled_is_refused_and_joints_that_go_take_couplings_along() {
         let mut world = World::with_articulations(Solver::Accurate);
         let [(a, _), (b, body)] = pair(&mut world, [HINGE, HINGE]);
-        let fixed = world.add_constraint(body, world.bodies()[0], &Constraint { kind: ConstraintKind::Fixed, ..hinge() });
+        let fixed =
+            world.add_constraint(body, world.bodies()[0], &Constraint { kind: ConstraintKind::Fixed, ..hinge() });
         let fixed = fixed.expect("two bodies");
-        assert!(!world.couple(a, &[], 0.0) && !world.couple(a, &[(a, 1.0)], 0.0) && !world.couple(a, &[(fixed, 1.0)], 0.0));
+        assert!(
+            !world.couple(a, &[], 0.0) && !world.couple(a, &[(a, 1.0)], 0.0) && !world.couple(a, &[(fixed, 1.0)], 0.0)
+        );
         assert!(!world.couple(a, &[(b, f64::NAN)], 0.0) && !world.couple(a, &[(b, 1.0)], f64::INFINITY));
         assert!(world.remove_constraint(fixed));
         assert!(!world.couple(a, &[(fixed, 1.0)], 0.0), "it is gone");

@@ -40,8 +40,12 @@ impl Scene {
         let has_massless = |id: ModelId| self.models[id].description.has_massless_links;
         let wants = |id: ModelId| self.models[id].description.wants_reduced_coordinates();
         if !self.world.has_articulations() {
-            let source =
-                self.joints.iter().find(|joint| models.contains(&joint.model) && has_massless(joint.model))?.source.clone();
+            let source = self
+                .joints
+                .iter()
+                .find(|joint| models.contains(&joint.model) && has_massless(joint.model))?
+                .source
+                .clone();
             let message = "the robot has links without a mass, and its joints stay constraints between bodies, which give way: \
                            reduced coordinates need a world without soft bodies that knows of the robot when it is made";
             return Some(Note { severity: Severity::Warning, source, message: message.into(), wanted: None });

@@ -244,13 +244,17 @@ impl<'a> Builder<'a> {
             let leaders = match found {
                 Ok(leaders) => leaders,
                 Err(missing) => {
-                    let message = format!("`{}` moves on its own: `{missing}`, which it follows, is dropped", joint.common.identifier);
+                    let message = format!(
+                        "`{}` moves on its own: `{missing}`, which it follows, is dropped",
+                        joint.common.identifier
+                    );
                     self.note(Severity::Error, &joint.common.source, message);
                     continue;
                 }
             };
             let handle = |id: JointId| self.scene.joints[id].handle;
-            let handles: Option<Vec<_>> = leaders.iter().map(|&(leader, ratio)| Some((handle(leader)?, ratio))).collect();
+            let handles: Option<Vec<_>> =
+                leaders.iter().map(|&(leader, ratio)| Some((handle(leader)?, ratio))).collect();
             let (Some(follower), Some(handles)) = (handle(id), handles) else { continue };
             if self.scene.world.couple(follower, &handles, coupling.offset) {
                 self.scene.joints[id].coupling = Some(JointCoupling { leaders, offset: coupling.offset });
@@ -271,7 +275,10 @@ impl<'a> Builder<'a> {
                 continue;
             }
             let unit = if is_angular { "rad" } else { "m" };
-            let message = format!("`{}` starts {error:.3e} {unit} from where its coupling asks for, and is brought there", joint.name);
+            let message = format!(
+                "`{}` starts {error:.3e} {unit} from where its coupling asks for, and is brought there",
+                joint.name
+            );
             self.notes.push(Note { severity: Severity::Warning, source: joint.source.clone(), message, wanted: None });
         }
     }

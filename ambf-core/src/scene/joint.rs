@@ -440,9 +440,10 @@ fn angle_between(u: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
 
 /// What resists its motion; `None` for joints without a drive, and those that nothing resists.
 pub(super) fn resistance(joint: &adf::Joint) -> Option<Resistance> {
-    let adf::DriveTrain { damping, friction, max_effort: _, max_rate } = joint.drive_train;
-    let resists = JointType::from(&joint.kind).has_motor() && (damping > 0.0 || friction > 0.0 || max_rate.is_some());
-    resists.then(|| Resistance { damping, friction, max_rate: max_rate.unwrap_or(f64::INFINITY) })
+    let adf::DriveTrain { damping, armature, friction, max_effort: _, max_rate } = joint.drive_train;
+    let has_any = damping > 0.0 || armature > 0.0 || friction > 0.0 || max_rate.is_some();
+    let resists = JointType::from(&joint.kind).has_motor() && has_any;
+    resists.then(|| Resistance { damping, armature, friction, max_rate: max_rate.unwrap_or(f64::INFINITY) })
 }
 
 /// The Bullet constraint that a joint becomes; `None` for an unknown type.

@@ -126,7 +126,8 @@ impl Scene {
             }
         }
         let Self { redundant_loops, followers, joints, world, .. } = self;
-        let removed: BTreeSet<JointId> = joints.entries().filter(|(_, joint)| joint.removed).map(|(id, _)| id).collect();
+        let removed: BTreeSet<JointId> =
+            joints.entries().filter(|(_, joint)| joint.removed).map(|(id, _)| id).collect();
         for (id, joint) in joints.entries_mut() {
             let leads = |coupling: &JointCoupling| coupling.leaders.iter().any(|(leader, _)| removed.contains(leader));
             if removed.contains(&id) || joint.coupling.as_ref().is_some_and(leads) {

@@ -295,7 +295,8 @@ impl Scene {
     /// By how much the coordinate of a follower is not what is asked of it, rad or m: coordinates are known up to whole turns.
     fn apart(&self, follower: &Joint, position: f64, asked: f64) -> f64 {
         let leaders = follower.coupling.iter().flat_map(|coupling| &coupling.leaders);
-        let turns = leaders.filter(|(leader, _)| self.joints[*leader].joint_type.is_angular()).map(|(_, ratio)| TAU * ratio);
+        let turns =
+            leaders.filter(|(leader, _)| self.joints[*leader].joint_type.is_angular()).map(|(_, ratio)| TAU * ratio);
         let own = follower.joint_type.is_angular().then_some(TAU);
         let turns = turns.chain(own).filter(|turn| *turn != 0.0);
         turns.fold(asked - position, |apart, turn| apart - turn * (apart / turn).round())

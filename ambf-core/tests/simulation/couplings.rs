@@ -107,7 +107,7 @@ fn a_rack_reflects_its_mass_and_its_load() {
             for (index, effort, expected) in [(0, 1.0, 1.0 / 0.03), (1, 1.0, 0.05 / 0.03)] {
                 let mut bench = bench(profile, articulated, WEIGHTLESS, &text);
                 bench.command("world", index, Effort, effort, 50);
-                close(bench.velocity("a").1.y / 0.05, expected, 0.01 * expected);
+                close(bench.velocity("a").1.y / 0.05, expected, 0.02 * expected);
             }
             // The weight of the slide, 80 N, turns the gear; more than ten turns are counted.
             let mut bench = bench(profile, articulated, HEAVY, &text);
@@ -213,7 +213,10 @@ fn coupled_pendulums_have_the_order_of_their_method() {
 
 #[test]
 fn motors_on_either_side_act_and_limits_of_either_hold() {
-    let text = fingers().replace("lower='-9' upper='9' effort='50' velocity='99'/><mimic", "lower='-0.02' upper='9' effort='50'/><mimic");
+    let text = fingers().replace(
+        "lower='-9' upper='9' effort='50' velocity='99'/><mimic",
+        "lower='-0.02' upper='9' effort='50'/><mimic",
+    );
     for profile in PROFILES {
         for articulated in COORDINATES {
             for (index, goal, lead) in [(0, 0.01, 0.01), (1, -0.015, 0.015), (0, 0.05, 0.02)] {
@@ -235,7 +238,14 @@ fn what_two_fingers_hold_stays_in_the_middle() {
             .replace("</link>", "<collision><geometry><box size='0.01 0.04 0.04'/></geometry></collision></link>")
     };
     let slide = |name: &str, child: &str, axis: &str, x: f64, inside: &str| {
-        joint(name, "prismatic", "palm", child, axis, &format!("<origin xyz='{x} 0 0'/><limit lower='0' upper='0.1' effort='20'/>{inside}"))
+        joint(
+            name,
+            "prismatic",
+            "palm",
+            child,
+            axis,
+            &format!("<origin xyz='{x} 0 0'/><limit lower='0' upper='0.1' effort='20'/>{inside}"),
+        )
     };
     let text = format!(
         "<robot name='r'><link name='world'/>{}{}{}{}{}{}</robot>",
@@ -402,8 +412,16 @@ fn trees_and_constraints_between_bodies_move_alike() {
         let follows = mimic(&format!("j{other}0"), -0.7, 0.1);
         text += &link(&inner, 0.5, 0.005, "0 0 -0.15");
         text += &link(&outer, 0.3, 0.003, "0.02 0 -0.1");
-        text += &joint(&format!("j{inner}"), "continuous", "base", &inner, "0 1 0", &format!("<origin xyz='{x} 0 0'/>"));
-        text += &joint(&format!("j{outer}"), "continuous", &inner, &outer, "0.6 0.8 0", &format!("<origin xyz='0 0 -0.3'/>{follows}"));
+        text +=
+            &joint(&format!("j{inner}"), "continuous", "base", &inner, "0 1 0", &format!("<origin xyz='{x} 0 0'/>"));
+        text += &joint(
+            &format!("j{outer}"),
+            "continuous",
+            &inner,
+            &outer,
+            "0.6 0.8 0",
+            &format!("<origin xyz='0 0 -0.3'/>{follows}"),
+        );
     }
     text += "</robot>";
     let run = |articulated| {
@@ -422,7 +440,8 @@ fn trees_and_constraints_between_bodies_move_alike() {
     let (bodies, other, small) = run(Some(false));
     assert!(exact < 1e-12 && small < 1e-6, "{exact:e} and {small:e} rad");
     let apart = tree.iter().zip(&bodies).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    assert!(tree[0].abs() > 0.1 && apart < 2e-3, "{tree:?} and {bodies:?}");
+    // Forces act on bodies with constraints for half of the first sub-step, so that these are 0.5 ms behind.
+    assert!(tree[0].abs() > 0.5 && apart < 4e-3, "{tree:?} and {bodies:?}");
     assert!((place - other).norm() < 1e-3, "{place} and {other}");
 }
 
@@ -430,6 +449,9 @@ fn trees_and_constraints_between_bodies_move_alike() {
 fn couplings_of_dropped_joints_are_named() {
     let text = wheels(", coupling: {joint: JOINT j0}").replace("child: BODY w0", "child: BODY nothing");
     let Loaded { scene, report } = loaded(Profile::Accurate, None, WEIGHTLESS, &text);
-    assert!(report.to_string().contains("`JOINT j2` moves on its own: `JOINT j0`, which it follows, is dropped"), "{report}");
+    assert!(
+        report.to_string().contains("`JOINT j2` moves on its own: `JOINT j0`, which it follows, is dropped"),
+        "{report}"
+    );
     assert!(scene.joints.iter().all(|joint| joint.coupling.is_none()));
 }

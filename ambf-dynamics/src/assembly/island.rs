@@ -373,7 +373,8 @@ impl<'a> Island<'a> {
                 let (joint, _, places) = &tie.joints[index];
                 coordinate(joint, &places.map(|place| self.poses[place]))
             };
-            let leaders = tie.coupling.leaders.iter().enumerate().map(|(index, &(_, ratio))| (row(index + 1).value, ratio));
+            let leaders =
+                tie.coupling.leaders.iter().enumerate().map(|(index, &(_, ratio))| (row(index + 1).value, ratio));
             tie.error = coupling_error(&row(0), leaders, tie.coupling.offset);
             sum += 0.5 * tie.error * tie.error / tie.compliance;
             worst = worst.max(tie.error.abs());

@@ -35,10 +35,16 @@ fn coupling_errors(bodies: &[Body], joints: &[Joint], couplings: &[Coupling]) ->
     let q = |index: usize| {
         let Joint { kind, bodies: of, frames, .. } = &joints[index];
         let between = (bodies[of[0]].pose * frames[0]).inverse() * bodies[of[1]].pose * frames[1];
-        if matches!(kind, Kind::Revolute(_)) { between.rotation.scaled_axis().z } else { between.translation.x }
+        if matches!(kind, Kind::Revolute(_)) {
+            between.rotation.scaled_axis().z
+        } else {
+            between.translation.x
+        }
     };
     let error = |coupling: &Coupling| {
-        q(coupling.follower) - coupling.leaders.iter().map(|&(joint, ratio)| ratio * q(joint)).sum::<f64>() - coupling.offset
+        q(coupling.follower)
+            - coupling.leaders.iter().map(|&(joint, ratio)| ratio * q(joint)).sum::<f64>()
+            - coupling.offset
     };
     couplings.iter().map(|coupling| error(coupling).abs()).fold(0.0, f64::max)
 }

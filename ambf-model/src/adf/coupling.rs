@@ -149,12 +149,15 @@ pub(crate) fn ordered<'a>(joints: &[Coupled<'a>]) -> (Vec<usize>, Vec<(usize, Fa
     release(&mut order, &mut waits_for, &followed_by);
     // What is left is in a cycle or hangs on one; what leads nothing that is left hangs.
     let is_left: Vec<bool> = waits_for.iter().map(|&waits| waits > 0).collect();
-    let mut leads: Vec<usize> = followed_by.iter().map(|of| of.iter().filter(|&&index| is_left[index]).count()).collect();
+    let mut leads: Vec<usize> =
+        followed_by.iter().map(|of| of.iter().filter(|&&index| is_left[index]).count()).collect();
     let mut hanging: Vec<usize> = (0..joints.len()).filter(|&index| is_left[index] && leads[index] == 0).collect();
     let mut is_cycle = is_left.clone();
     while let Some(index) = hanging.pop() {
         is_cycle[index] = false;
-        for leader in joints[index].leaders.iter().filter_map(|name| index_of.get(name)).filter(|&&leader| is_left[leader]) {
+        for leader in
+            joints[index].leaders.iter().filter_map(|name| index_of.get(name)).filter(|&&leader| is_left[leader])
+        {
             leads[*leader] -= 1;
             if leads[*leader] == 0 {
                 hanging.push(*leader);
@@ -260,17 +263,24 @@ mod tests {
     #[test]
     fn wrong_couplings_are_named_and_left_out() {
         for (keys, message) in [
-            ("{joint: X}", "dir/t.yaml:4:192: error: `C / coupling / joint` is `X`, expected joints of this file: there is no `X`"),
+            (
+                "{joint: X}",
+                "dir/t.yaml:4:192: error: `C / coupling / joint` is `X`, expected joints of this file: there is no `X`",
+            ),
             ("{joint: C}", "`C / coupling / joint` is `C`, expected another joint: no joint follows itself"),
             ("{joint: B}", "expected revolute or prismatic joints: `B` has no coordinate"),
-            ("{joints: [A, X], ratios: [1, 1]}", "`C / coupling / joints` is a list of 2, expected joints of this file"),
+            (
+                "{joints: [A, X], ratios: [1, 1]}",
+                "`C / coupling / joints` is a list of 2, expected joints of this file",
+            ),
             ("{joints: [A], ratios: [1, 1]}", "`C / coupling / ratios` is a list of 2, expected a list of 1 numbers"),
             ("{joints: [A, A]}", "`C / coupling / ratios` is missing (a list of 2 numbers"),
             ("{joints: [], ratios: []}", "expected 1 to 16 identifiers of joints"),
             ("{ratio: 2}", "`C / coupling / joint` is missing (the identifier of a joint); the joint moves on its own"),
         ] {
             let of = format!(", coupling: {keys}");
-            let (model, problems) = read::<Model>(&text(&[("A", "revolute", ""), ("B", "fixed", ""), ("C", "revolute", &of)]));
+            let (model, problems) =
+                read::<Model>(&text(&[("A", "revolute", ""), ("B", "fixed", ""), ("C", "revolute", &of)]));
             assert_eq!(model.joints[2].coupling, None, "{keys}");
             assert!(problems.iter().any(|problem| problem.contains(message)), "{keys}: {problems:#?}");
         }
@@ -285,7 +295,8 @@ mod tests {
         let follows = |name: &str| format!(", coupling: {{joint: {name}}}");
         let of = [follows("C"), follows("A"), follows("B"), follows("A"), follows("D")];
         let kind = "revolute";
-        let joints: Vec<_> = ["A", "B", "C", "D", "E"].into_iter().zip(&of).map(|(name, of)| (name, kind, of.as_str())).collect();
+        let joints: Vec<_> =
+            ["A", "B", "C", "D", "E"].into_iter().zip(&of).map(|(name, of)| (name, kind, of.as_str())).collect();
         let (model, problems) = read::<Model>(&text(&joints));
         // What hangs on a cycle follows a joint that moves on its own.
         let coupled: Vec<_> = model.joints.iter().map(|joint| joint.coupling.is_some()).collect();

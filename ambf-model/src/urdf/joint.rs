@@ -25,7 +25,7 @@ pub(super) struct Joint<'a> {
     pub axis: Vector3<f64>,
     /// Range of the coordinate; `None`: unlimited.
     pub limits: Option<Limits>,
-    /// Damping, friction, largest effort and largest rate.
+    /// Damping, friction, armature, largest effort and largest rate.
     pub drive_train: DriveTrain,
     /// What it follows.
     pub mimic: Option<Mimic<'a>>,
@@ -93,7 +93,7 @@ impl<'a> Joint<'a> {
         let (parent, child) = (link("parent"), link("child"));
         let (limits, max_effort, max_rate) = limits(&element, kind);
         let mimic = element.child("mimic").map(Mimic::read);
-        let [damping, friction] = losses(&element, kind);
+        let [damping, friction, armature] = losses(&element, kind);
         Some(Self {
             name,
             element,
@@ -103,7 +103,7 @@ impl<'a> Joint<'a> {
             origin: element.origin(),
             axis: axis(&element, kind),
             limits,
-            drive_train: DriveTrain { damping, friction, max_effort, max_rate },
+            drive_train: DriveTrain { damping, armature, friction, max_effort, max_rate },
             mimic,
             start: 0.0,
         })
@@ -279,10 +279,10 @@ fn axis(element: &Element<'_>, kind: Kind) -> Vector3<f64> {
     })
 }
 
-/// Damping and friction of a joint, N·m·s/rad and N·m, or N·s/m and N.
-fn losses(joint: &Element<'_>, kind: Kind) -> [f64; 2] {
-    let Some(dynamics) = joint.child("dynamics") else { return [0.0; 2] };
-    let names = ["damping", "friction"];
+/// Damping, friction and armature of a joint, N·m·s/rad, N·m and kg·m², or N·s/m, N and kg.
+fn losses(joint: &Element<'_>, kind: Kind) -> [f64; 3] {
+    let Some(dynamics) = joint.child("dynamics") else { return [0.0; 3] };
+    let names = ["damping", "friction", "armature"];
     dynamics.finish(&names, &[]);
     names.map(|name| {
         let Some(value) = dynamics.real(name).filter(|value| *value != 0.0) else { return 0.0 };

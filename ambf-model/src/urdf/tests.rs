@@ -233,7 +233,8 @@ fn types_limits_and_efforts_of_joints() {
     assert_eq!((j.max_motor_impulse, j.parent_axis, problems.as_str()), (0.03, Vector3::x(), ""));
     let all = "<limit lower='-1' upper='2' effort='30' velocity='4'/><dynamics damping='0.5' friction='2'/>";
     let (j, problems) = read_joint("prismatic", all);
-    let expected = DriveTrain { damping: 0.5, friction: 2.0, max_effort: Some(30.0), max_rate: Some(4.0) };
+    let expected =
+        DriveTrain { damping: 0.5, armature: 0.0, friction: 2.0, max_effort: Some(30.0), max_rate: Some(4.0) };
     assert_eq!((j.drive_train, problems.as_str()), (expected, ""));
     let (j, problems) = read_joint("prismatic", &limit("lower='1' upper='2'"));
     assert_eq!(j.drive_train, DriveTrain::default());
@@ -257,7 +258,11 @@ fn types_limits_and_efforts_of_joints() {
         ("continuous", "<limit velocity='0'/>", "`joint A-B / limit / velocity` is 0, expected a rate above 0"),
         ("continuous", "<limit effort='0'/>", "motors have that of a joint without, 100"),
         ("continuous", "<axis xyz='0 0 0'/>", "expected a direction; 1 0 0 is used"),
-        ("continuous", "<mimic joint='x'/>", "`joint A-B / mimic / joint` is `x`, expected joints of this file: there is no `x`"),
+        (
+            "continuous",
+            "<mimic joint='x'/>",
+            "`joint A-B / mimic / joint` is `x`, expected joints of this file: there is no `x`",
+        ),
         ("continuous", "<mimic joint='A-B'/>", "no joint follows itself; the joint moves on its own"),
         ("continuous", "<mimic joint='x' ratio='2'/>", "`joint A-B / mimic / ratio` is not known"),
         ("fixed", "<mimic joint='x'/>", "expected a revolute or prismatic joint"),
@@ -309,7 +314,9 @@ fn joints_beyond_a_tree_close_loops() {
     }
     let parallel = joint("fixed", "A", "b") + &joint("continuous", "A", "b").replace("A-b", "x");
     let (model, problems) = read(&robot(&(links(&["A", "b"]) + &parallel)));
-    assert!(model.joints.is_empty() && problems.iter().any(|p| p.contains("fixed to each other; the joint is dropped")));
+    assert!(
+        model.joints.is_empty() && problems.iter().any(|p| p.contains("fixed to each other; the joint is dropped"))
+    );
     let (_, problems) = read(&robot(&links(&["A", "B"])));
     assert!(problems[0].contains("error: `link B` is a root beside `A`: no joint leads to it"), "{problems:#?}");
     let (model, problems) = read("<robot name='r'/>");
@@ -334,13 +341,10 @@ fn a_frame_with_two_parents_belongs_to_the_one_it_is_fixed_to() {
 
 #[test]
 fn mimics_are_couplings_and_start_closed() {
-    let mimic = |kind, of: &str, inside: &str| {
-        joint(kind, "A", of).replace("</joint>", &format!("{inside}</joint>"))
-    };
+    let mimic = |kind, of: &str, inside: &str| joint(kind, "A", of).replace("</joint>", &format!("{inside}</joint>"));
     let limit = |low: f64, high: f64| format!("<limit lower='{low}' upper='{high}' effort='1' velocity='1'/>");
-    let follows = |of: &str, ratio: f64, offset: f64| {
-        format!("<mimic joint='{of}' multiplier='{ratio}' offset='{offset}'/>")
-    };
+    let follows =
+        |of: &str, ratio: f64, offset: f64| format!("<mimic joint='{of}' multiplier='{ratio}' offset='{offset}'/>");
     // D follows C, which follows B; C may not go below 0.5, so that B starts at 1.
     let text = mimic("prismatic", "D", &(limit(-9.0, 9.0) + &follows("A-C", 1.0, 1.0)))
         + &mimic("revolute", "C", &(limit(0.5, 3.0) + &follows("A-B", 2.0, -1.5)))
@@ -355,10 +359,13 @@ fn mimics_are_couplings_and_start_closed() {
     assert!((angle(1) - 1.0).abs() < 1e-15 && (angle(2) - 0.5).abs() < 1e-15);
     assert_eq!(model.bodies[3].location.translation.x, 2.5);
 
-    let cycle = mimic("continuous", "B", &follows("A-C", 1.0, 0.0)) + &mimic("continuous", "C", &follows("A-B", 1.0, 0.0));
+    let cycle =
+        mimic("continuous", "B", &follows("A-C", 1.0, 0.0)) + &mimic("continuous", "C", &follows("A-B", 1.0, 0.0));
     let (model, problems) = read(&robot(&(links(&["A", "B", "C"]) + &cycle)));
     assert!(model.joints.iter().all(|joint| joint.coupling.is_none()));
-    let said = problems.iter().filter(|p| p.contains("joints that do not follow this one in turn; the joint moves on its own"));
+    let said = problems
+        .iter()
+        .filter(|p| p.contains("joints that do not follow this one in turn; the joint moves on its own"));
     assert_eq!(said.count(), 2, "{problems:#?}");
 }
 
