@@ -22,6 +22,7 @@
 #include "approximation_energy.h"
 #include "contact_cache.h"
 #include "correction_damping.h"
+#include "coupled_rows.h"
 #include "drive_yielding.h"
 #include "joint_arms.h"
 #include "position_error.h"
@@ -137,7 +138,7 @@ class AccurateSolver : public Base {
     // island was too expensive the next 15 are not tried.
     const bool is_small =
         is_ill_conditioned() || this->m_tmpSolverContactConstraintPool.size() <= settings_.max_direct_contacts;
-    if (settings_.direct && (is_small || direct_backoff_-- <= 0)) {
+    if (settings_.direct && join_coupled_bodies() && (is_small || direct_backoff_-- <= 0)) {
       gather(info);
       if (row_count_ == 0) return 0;
       if (solve(info, is_small)) {
@@ -592,7 +593,6 @@ class AccurateSolver : public Base {
     is_at_rest_ = true;
     positions_.clear();
     find_correction_share(info);
-    join_coupled_bodies();
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     const JointSoftness softness = joint_softness(info.m_timeStep);
     for (int i = 0; i < joints.size(); ++i) {
@@ -634,11 +634,12 @@ class AccurateSolver : public Base {
     for (const auto &coupled : this->coupled_rows_) add_coupled_row(coupled, softness, info);
   }
 
-  // The bodies on which a coupling acts are one in the MLCP problem, whose rows have two sides.
-  void join_coupled_bodies() {
+  // The bodies on which a coupling acts are one in the MLCP problem, whose rows have two sides. Returns whether none has too
+  // many of them.
+  bool join_coupled_bodies() {
     composites_.clear();
     composite_sizes_.clear();
-    if (this->coupled_rows_.empty()) return;
+    if (this->coupled_rows_.empty()) return true;
     const int bodies = this->m_tmpSolverBodyPool.size();
     // Each body refers to one of its group, the last one to itself.
     groups_.resize(bodies);
@@ -665,6 +666,8 @@ class AccurateSolver : public Base {
       place = {index, composite_sizes_[index]};
       composite_sizes_[index] += 6;
     }
+    const auto is_affordable = [](int size) { return size <= 6 * MAX_COUPLED; };
+    return std::all_of(composite_sizes_.begin(), composite_sizes_.end(), is_affordable);
   }
 
   template <class Coupled>

@@ -1,6 +1,7 @@
 #include "position_error.h"
 #include "articulation_rows.h"
 
+#include <algorithm>
 #include <unordered_map>
 
 namespace {
@@ -121,8 +122,11 @@ int coordinates_of(AmbConstraint &joint) {
 }
 
 // Whether such a tree, and contacts with its links, are affordable.
-bool is_affordable(const AmbBody &base, AmbConstraint *const *joints, int n) {
-  int coordinates = 0;
+bool is_affordable(const AmbWorld &world, const AmbBody &base, AmbConstraint *const *joints, int n) {
+  int coordinates = 0, couplings = 0;
+  for (const AmbCoupling *coupling : engine_of(world).couplings)
+    couplings += std::find(joints, joints + n, coupling->terms[0].joint) != joints + n;
+  if (couplings > MAX_COUPLED) return false;
   for (int i = 0; i < n; ++i) coordinates += coordinates_of(*joints[i]);
   if (coordinates > MAX_COORDINATES) return false;
   std::unordered_map<const AmbBody *, int> paths{{&base, 0}};
@@ -926,7 +930,7 @@ extern "C" {
 
 AmbArticulation *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
                                       AmbConstraint *const *springs, int n_springs) {
-  if (!world->articulated || !is_affordable(*base, joints, n)) return nullptr;
+  if (!world->articulated || !is_affordable(*world, *base, joints, n)) return nullptr;
   for (int i = 0; i < n; ++i) {
     if (!fits(*joints[i])) return nullptr;
     for (const AmbBody *body : {&first_of(*joints[i]), &second_of(*joints[i])}) {

@@ -47,6 +47,11 @@ CoordinateRow coordinate_row(const AmbConstraint &joint) {
   return row;
 }
 
+bool AmbCoupling::moves(const AmbBody &body) const {
+  const auto is_on_it = [&](const Term &term) { return &first_of(*term.joint) == &body || &second_of(*term.joint) == &body; };
+  return std::any_of(terms.begin(), terms.end(), is_on_it);
+}
+
 AmbArticulation *AmbCoupling::articulation() const {
   AmbArticulation *const first = terms[0].joint->articulation;
   const auto is_of_it = [&](const Term &term) { return term.joint->articulation == first; };

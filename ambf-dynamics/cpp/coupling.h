@@ -8,6 +8,10 @@
 
 #include "internal.h"
 
+// Largest number of couplings of an articulation, whose rows are all made orthogonal, and of rigid bodies that couplings make one
+// in the MLCP problem. What has more is solved by sequential impulses.
+constexpr int MAX_COUPLED = 100;
+
 struct AmbCoupling;
 
 // Makes bodies of a coupling parts of one island; it has no rows.
@@ -60,6 +64,8 @@ struct AmbCoupling {
     return sum;
   }
   bool is_angle(size_t i) const { return terms[i].joint->kind == Kind::Hinge; }
+  // Whether one of its joints is on a body.
+  bool moves(const AmbBody &body) const;
   // The articulation of which all its joints are; else null.
   AmbArticulation *articulation() const;
   // Brings its links into the world, or takes them out of it: they are there while it is a row of the solver.

@@ -76,7 +76,7 @@ bool EngineWorld::pose_set(AmbBody &body) {
   // solvers it stays so, as in plain Bullet.
   if (solver == AmbSolver_Accurate) body.body.updateInertiaTensor();
   if (body.articulation) body.articulation->poses_set = true;
-  for (AmbCoupling *coupling : couplings) coupling->has_jumped = true;
+  for (AmbCoupling *coupling : couplings) coupling->has_jumped = coupling->has_jumped || coupling->moves(body);
   return body.articulation;
 }
 

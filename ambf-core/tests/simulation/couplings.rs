@@ -446,6 +446,25 @@ fn trees_and_constraints_between_bodies_move_alike() {
 }
 
 #[test]
+fn hundreds_of_couplings_move_on() {
+    // A train of 150 gears is more than the direct solver takes.
+    let mut text = String::from("<robot name='r'><link name='world'/>");
+    for i in 0..150 {
+        let follows = if i > 0 { mimic(&format!("j{}", i - 1), -1.0, 0.0) } else { String::new() };
+        let name = format!("w{i}");
+        text += &link(&name, 1.0, 0.01, "0 0 0");
+        let at = format!("<origin xyz='{i} 0 0'/>{follows}");
+        text += &joint(&format!("j{i}"), "continuous", "world", &name, "0 0 1", &at);
+    }
+    for profile in PROFILES {
+        let mut bench = bench(profile, None, WEIGHTLESS, &(text.clone() + "</robot>"));
+        bench.command("world", 0, Effort, 1.0, 200);
+        let [first, last] = ["w0", "w149"].map(|name| bench.velocity(name).1.z);
+        assert!(first > 0.01 && first < 20.0 && last.abs() <= first, "{profile:?}: {first} and {last} rad/s");
+    }
+}
+
+#[test]
 fn couplings_of_dropped_joints_are_named() {
     let text = wheels(", coupling: {joint: JOINT j0}").replace("child: BODY w0", "child: BODY nothing");
     let Loaded { scene, report } = loaded(Profile::Accurate, None, WEIGHTLESS, &text);
