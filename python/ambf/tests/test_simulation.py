@@ -660,7 +660,10 @@ class States(unittest.TestCase):
 
     def test_couplings(self):
         """A follower stays with its leader under load, and says whom it follows."""
-        link = '<link name="{0}"><inertial><mass value="0.1"/><inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>'
+        link = (
+            '<link name="{0}"><inertial><mass value="0.1"/>'
+            '<inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>'
+        )
         slide = (
             '<joint name="{0}" type="prismatic"><parent link="world"/><child link="{1}"/><axis xyz="1 0 0"/>'
             '<limit lower="-1" upper="1" effort="50" velocity="9"/>{2}</joint>'
