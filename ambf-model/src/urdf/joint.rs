@@ -29,7 +29,7 @@ pub(super) struct Joint<'a> {
     pub drive_train: DriveTrain,
     /// What it follows.
     pub mimic: Option<Mimic<'a>>,
-    /// Position at which the joint starts, rad or m: see [`start`].
+    /// Position at which the joint starts, rad or m: see [`couple`].
     pub start: f64,
 }
 

@@ -73,6 +73,9 @@ struct Clock {
     lost: f64,
 }
 
+/// Of a joint that follows others: its index, those of its leaders with their ratios, and the offset.
+type CouplingRow = (usize, Vec<(usize, f64)>, f64);
+
 /// A world that is simulated; see `_ambf.pyi`.
 #[pyclass(frozen, weakref, module = "ambf._ambf")]
 pub struct World {
@@ -652,9 +655,8 @@ impl World {
         })
     }
 
-    /// Of each joint that follows others its index, those of its leaders with their ratios, and the offset.
     #[getter]
-    fn couplings(&self, py: Python<'_>) -> PyResult<Vec<(usize, Vec<(usize, f64)>, f64)>> {
+    fn couplings(&self, py: Python<'_>) -> PyResult<Vec<CouplingRow>> {
         self.with(py, |physics| {
             let joints = &physics.stepper.simulation().scene().joints;
             let coupled = joints.entries().filter_map(|(id, joint)| Some((id, joint.coupling.as_ref()?)));
