@@ -226,6 +226,11 @@ const DIFFERENCES: &[(&str, &str)] = &[
     ("chassis", "bodies: [A]\nA: {mass: 0}\nvehicles: [V]\nV: {chassis: A}\n"),
     ("wheel mesh", "high resolution path: lo\nvehicles: [V]\nV: {chassis: A, wheels: [{mesh: there.stl, radius: 1, friction: 1, \
       roll influence: 1, suspension: {stiffness: 1, damping: 1, compression: 1, rest length: 1}}]}\n"),
+    ("coupling", "joints: [J, K]\nJ: {type: revolute, parent: A, child: B, parent pivot: {x: 0, y: 0, z: 0}, child pivot: {x: 0, y: 0, z: 0}, \
+      parent axis: {x: 0, y: 0, z: 1}, child axis: {x: 0, y: 0, z: 1}}\nK: {type: revolute, coupling: {joint: J}, parent: A, child: B, parent pivot: {x: 0, y: 0, z: 0}, child pivot: {x: 0, y: 0, z: 0}, \
+      parent axis: {x: 0, y: 0, z: 1}, child axis: {x: 0, y: 0, z: 1}}\n"),
+    ("drive train", "joints: [J]\nJ: {type: revolute, drive train: {friction: 1}, parent: A, child: B, parent pivot: {x: 0, y: 0, z: 0}, child pivot: {x: 0, y: 0, z: 0}, \
+      parent axis: {x: 0, y: 0, z: 1}, child axis: {x: 0, y: 0, z: 1}}\n"),
     ("ghost groups", "ghost objects: [G]\nG: {collision shape: Sphere, collision geometry: {radius: 1}, collision groups: [1]}\n"),
     ("ghost gravity", "gravity: {x: 0, y: 0, z: 0}\nghost objects: [G]\nG: {collision shape: Sphere, collision geometry: {radius: 1}}\n"),
     ("randomize constraints", "soft bodies: [S]\nS: {mass: 1, mesh: lo/there.stl, randomize constraints: No}\n"),
@@ -611,6 +616,12 @@ fn robot_descriptions_are_models() {
     assert_eq!(document["files"][0]["meshes"]["missing"], 2);
     assert_eq!((&document["files"][0]["kind"], &document["files"][0]["built"]["bodies"]), (&"model".into(), &1.into()));
     assert_eq!(problem(&document, "robot description")["original"], "reads none");
+    // Remarks are no problems; they were taken off the number of those that are not listed.
+    let second = "<joint name='NAME' type='fixed'><parent link='a'/><child link='b'/></joint>";
+    let text = ["j", "k"].map(|name| second.replace("NAME", name)).concat();
+    folder.write("loop.urdf", &format!("<robot name='r'><link name='a'/><link name='b'/>{text}</robot>"));
+    let (document, status) = check(&folder, "loop.urdf");
+    assert_eq!((status, &document["errors"], &document["warnings"]), (0, &0.into(), &0.into()), "{document:#}");
     let (document, status) = check(&folder, "broken.urdf");
     assert_eq!(status, 2);
     assert_eq!(problem(&document, "syntax")["line"], 1);

@@ -15,12 +15,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <type_traits>
 
 #include "accurate_context.h"
 #include "approximation_energy.h"
 #include "contact_cache.h"
 #include "correction_damping.h"
+#include "coupled_rows.h"
 #include "drive_yielding.h"
 #include "joint_arms.h"
 #include "position_error.h"
@@ -91,6 +93,11 @@ class AccurateSolver : public Base {
       average_responses(next, count);
       next += count;
     }
+    // Position errors are corrected by the position problem.
+    for (auto &row : this->coupled_rows_) {
+      note_error(row.error, row.coupling->is_angle(0));
+      row.target = 0;
+    }
     if (!settings_.diagonal_cfm) return;
     // Bullet takes m_cfm as a share of the diagonal but leaves it out of the effective mass, so that soft rows
     // overshoot.
@@ -131,7 +138,7 @@ class AccurateSolver : public Base {
     // island was too expensive the next 15 are not tried.
     const bool is_small =
         is_ill_conditioned() || this->m_tmpSolverContactConstraintPool.size() <= settings_.max_direct_contacts;
-    if (settings_.direct && (is_small || direct_backoff_-- <= 0)) {
+    if (settings_.direct && join_coupled_bodies() && (is_small || direct_backoff_-- <= 0)) {
       gather(info);
       if (row_count_ == 0) return 0;
       if (solve(info, is_small)) {
@@ -585,7 +592,7 @@ class AccurateSolver : public Base {
     has_drives_ = false;
     is_at_rest_ = true;
     positions_.clear();
-    find_correction_share(info.m_timeStep);
+    find_correction_share(info);
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     const JointSoftness softness = joint_softness(info.m_timeStep);
     for (int i = 0; i < joints.size(); ++i) {
@@ -624,6 +631,85 @@ class AccurateSolver : public Base {
       add_friction(rolling[i], joints.size(), torque.dot(rolling[i].m_relpos1CrossNormal), rolling[i].m_friction, 1);
     }
     if constexpr (HAS_ARTICULATIONS) gather_articulation_rows(info);
+    for (const auto &coupled : this->coupled_rows_) add_coupled_row(coupled, softness, info);
+  }
+
+  // The bodies on which a coupling acts are one in the MLCP problem, whose rows have two sides. Returns whether none has too
+  // many of them.
+  bool join_coupled_bodies() {
+    composites_.clear();
+    composite_sizes_.clear();
+    if (this->coupled_rows_.empty()) return true;
+    const int bodies = this->m_tmpSolverBodyPool.size();
+    // Each body refers to one of its group, the last one to itself.
+    groups_.resize(bodies);
+    std::iota(groups_.begin(), groups_.end(), 0);
+    const auto group_of = [this](int i) {
+      while (groups_[i] != i) i = groups_[i] = groups_[groups_[i]];
+      return i;
+    };
+    const auto &parts = this->coupled_parts_;
+    for (const auto &row : this->coupled_rows_) {
+      for (size_t i = row.first + 1; i < row.first + row.count; ++i)
+        groups_[group_of(parts[i].body)] = group_of(parts[row.first].body);
+    }
+    composites_.assign(bodies, {-1, -1});
+    composite_of_group_.assign(bodies, -1);
+    for (const auto &part : parts) {
+      Composite &place = composites_[part.body];
+      if (place.index >= 0) continue;
+      int &index = composite_of_group_[group_of(part.body)];
+      if (index < 0) {
+        index = static_cast<int>(composite_sizes_.size());
+        composite_sizes_.push_back(0);
+      }
+      place = {index, composite_sizes_[index]};
+      composite_sizes_[index] += 6;
+    }
+    const auto is_affordable = [](int size) { return size <= 6 * MAX_COUPLED; };
+    return std::all_of(composite_sizes_.begin(), composite_sizes_.end(), is_affordable);
+  }
+
+  template <class Coupled>
+  void add_coupled_row(const Coupled &coupled, const JointSoftness &softness, const btContactSolverInfo &info) {
+    AmbMlcpRow row{};
+    row.body[0] = row.body[1] = -1;
+    row.normal = -1;
+    row.low = -BT_LARGE_FLOAT;
+    row.high = BT_LARGE_FLOAT;
+    if (!(coupled.response > 0)) return add(row, RowKind::Geometric, false, MIN_CORRECTION);
+    for (size_t i = coupled.first; i < coupled.first + coupled.count; ++i) {
+      const auto &part = this->coupled_parts_[i];
+      fill(row, i == coupled.first ? 0 : 1, part.body, part.linear, part.angular, part.by_linear, part.by_angular);
+    }
+    const bool is_angular = coupled.coupling->is_angle(0);
+    row.target = coupled.target - coupled.velocity;
+    row.cfm = softness.cfm(coupled.response, is_angular, 0);
+    row.in_positions = 1;
+    row.position_target = correction_of(coupled, info) * correction_share_;
+    row.position_cfm = POSITION_SOFTNESS * coupled.response;
+    row.x = coupled.coupling->is_known ? coupled.coupling->guess : 0;
+    add(row, RowKind::Geometric, is_angular, MIN_CORRECTION, correction_share_);
+  }
+
+  // Pseudo-velocity that removes the position error of a coupling, m/s or rad/s.
+  template <class Coupled>
+  static btScalar correction_of(const Coupled &coupled, const btContactSolverInfo &info) {
+    return -info.m_erp * coupled.error / info.m_timeStep;
+  }
+
+  // Where the velocity of a rigid body stands among the results of the MLCP solver.
+  int place_of(int id) const {
+    if (composites_.empty() || composites_[id].index < 0) return 6 * id;
+    int place = 6 * this->m_tmpSolverBodyPool.size() + composites_[id].offset;
+    for (int i = 0; i < composites_[id].index; ++i) place += composite_sizes_[i];
+    return place;
+  }
+  // Where those of articulations begin.
+  int articulations_place() const {
+    int place = 6 * this->m_tmpSolverBodyPool.size();
+    for (const int size : composite_sizes_) place += size;
+    return place;
   }
 
   void gather_articulation_rows(const btContactSolverInfo &info) {
@@ -671,8 +757,8 @@ class AccurateSolver : public Base {
   // Finds the share of the joints' position errors that is corrected in this sub-step, so that no row exceeds the
   // largest correction velocity. It is the same for all joints of the island: a correction by a part of each error goes
   // towards the least sum of squares, and one of clamped errors does not.
-  void find_correction_share(btScalar h) {
-    const btScalar most_turned = max_correction_rate(h, settings_.recent_turn_rate);
+  void find_correction_share(const btContactSolverInfo &info) {
+    const btScalar most_turned = max_correction_rate(info.m_timeStep, settings_.recent_turn_rate);
     double fastest = 1;
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     for (int i = 0; i < joints.size(); ++i) {
@@ -680,6 +766,10 @@ class AccurateSolver : public Base {
       if (!error.is_geometric || error.is_limit) continue;
       const btScalar most = joints[i].m_contactNormal1.isZero() ? most_turned : MAX_CORRECTION_SPEED;
       fastest = std::max(fastest, double(btFabs(error.correction) / most));
+    }
+    for (const auto &coupled : this->coupled_rows_) {
+      const btScalar most = coupled.coupling->is_angle(0) ? most_turned : MAX_CORRECTION_SPEED;
+      fastest = std::max(fastest, double(btFabs(correction_of(coupled, info)) / most));
     }
     if constexpr (HAS_ARTICULATIONS) {
       const btMultiBodyConstraintArray &rows = this->m_multiBodyNonContactConstraints;
@@ -730,9 +820,11 @@ class AccurateSolver : public Base {
     return row;
   }
 
-  // Sets one side of a row. Its arrays are valid until the next row is made.
+  // Sets one side of a row, or adds to it if it is the same coupled body. Its arrays are valid until the next row is made.
   void fill(AmbMlcpRow &row, int side, int id, const btVector3 &linear, const btVector3 &angular,
             const btVector3 &by_linear, const btVector3 &by_angular) {
+    if (!composites_.empty() && composites_[id].index >= 0)
+      return fill_composite(row, side, composites_[id], linear, angular, by_linear, by_angular);
     row.body[side] = id;
     row.size[side] = 6;
     for (int k = 0; k < 3; ++k) {
@@ -743,6 +835,32 @@ class AccurateSolver : public Base {
     }
     row.jacobian[side] = jacobians_[side];
     row.response[side] = responses_[side];
+  }
+
+  struct Composite {
+    // Index of the coupled body of which a rigid body is a part, -1: none; and of its first velocity there.
+    int index, offset;
+  };
+
+  void fill_composite(AmbMlcpRow &row, int side, const Composite &part, const btVector3 &linear, const btVector3 &angular,
+                      const btVector3 &by_linear, const btVector3 &by_angular) {
+    const int index = this->m_tmpSolverBodyPool.size() + part.index, size = composite_sizes_[part.index];
+    if (side == 1 && row.body[0] == index) side = 0;
+    Vector<double> &jacobian = wide_jacobians_[side], &response = wide_responses_[side];
+    if (row.body[side] != index) {
+      row.body[side] = index;
+      row.size[side] = size;
+      jacobian.assign(size, 0);
+      response.assign(size, 0);
+      row.jacobian[side] = jacobian.data();
+      row.response[side] = response.data();
+    }
+    for (int k = 0; k < 3; ++k) {
+      jacobian[part.offset + k] += linear[k];
+      jacobian[part.offset + k + 3] += angular[k];
+      response[part.offset + k] += by_linear[k];
+      response[part.offset + k + 3] += by_angular[k];
+    }
   }
 
   AmbMlcpRow row_of(const btSolverConstraint &from) {
@@ -768,7 +886,8 @@ class AccurateSolver : public Base {
         const int id = static_cast<int>(side.body - &this->m_tmpSolverBodyPool[0]);
         fill(row, k, id, side.linear, side.angular, side.by_linear, side.by_angular);
       } else if (side.multi_body) {
-        row.body[k] = this->m_tmpSolverBodyPool.size() + articulation_index(side.multi_body, side.velocity, side.n);
+        row.body[k] = this->m_tmpSolverBodyPool.size() + static_cast<int>(composite_sizes_.size()) +
+                      articulation_index(side.multi_body, side.velocity, side.n);
         row.size[k] = side.n;
         row.jacobian[k] = &this->m_data.m_jacobians[side.jacobian];
         row.response[k] = &this->m_data.m_deltaVelocitiesUnitImpulse[side.jacobian];
@@ -999,8 +1118,10 @@ class AccurateSolver : public Base {
   }
 
   double prepare() {
-    return mlcp_table->prepare(mlcp_, this->m_tmpSolverBodyPool.size(), articulation_sizes_.data(),
-                               static_cast<int>(articulation_sizes_.size()));
+    block_sizes_ = composite_sizes_;
+    block_sizes_.insert(block_sizes_.end(), articulation_sizes_.begin(), articulation_sizes_.end());
+    return mlcp_table->prepare(mlcp_, this->m_tmpSolverBodyPool.size(), block_sizes_.data(),
+                               static_cast<int>(block_sizes_.size()));
   }
 
   void note_depth() {
@@ -1085,6 +1206,13 @@ class AccurateSolver : public Base {
       body(i).internalGetDeltaAngularVelocity().setZero();
     }
     for (const JointSpan &joint : joints_) joint.memory->guesses = 0;
+    for (auto &row : this->coupled_rows_) store_coupled_impulse(row, 0);
+  }
+
+  template <class Coupled>
+  static void store_coupled_impulse(Coupled &row, btScalar impulse) {
+    row.impulse = row.coupling->guess = impulse;
+    row.coupling->is_known = true;
   }
 
   void write_velocities() {
@@ -1098,14 +1226,16 @@ class AccurateSolver : public Base {
     if constexpr (HAS_ARTICULATIONS) {
       for (const auto &row : articulation_rows_) row.row->m_appliedImpulse = *impulses++;
     }
-    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i, velocities += 6) {
+    for (auto &row : this->coupled_rows_) store_coupled_impulse(row, *impulses++);
+    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       // Bodies that are moved have a place in the pool, and none in the problem.
       if (dynamic_body(i) < 0) continue;
       btSolverBody &b = body(i);
-      b.internalGetDeltaLinearVelocity().setValue(velocities[0], velocities[1], velocities[2]);
-      b.internalGetDeltaAngularVelocity().setValue(velocities[3], velocities[4], velocities[5]);
+      b.internalGetDeltaLinearVelocity() = vector_at(velocities + place_of(i));
+      b.internalGetDeltaAngularVelocity() = vector_at(velocities + place_of(i) + 3);
     }
     if constexpr (HAS_ARTICULATIONS) {
+      velocities += articulations_place();
       for (size_t i = 0; i < articulations_.size(); velocities += articulation_sizes_[i++])
         this->set_change(*articulations_[i].multi_body, articulations_[i].velocity, velocities);
     }
@@ -1120,11 +1250,11 @@ class AccurateSolver : public Base {
     btScalar fastest = 1;
     for (int i = 0; i < bodies; ++i) {
       if (dynamic_body(i) < 0) continue;
-      fastest = std::max(fastest, vector_at(found + 6 * i).length() / MAX_CORRECTION_SPEED);
-      fastest = std::max(fastest, vector_at(found + 6 * i + 3).length() / most);
+      fastest = std::max(fastest, vector_at(found + place_of(i)).length() / MAX_CORRECTION_SPEED);
+      fastest = std::max(fastest, vector_at(found + place_of(i) + 3).length() / most);
     }
     if constexpr (HAS_ARTICULATIONS) {
-      const double *velocities = found + 6 * bodies;
+      const double *velocities = found + articulations_place();
       for (size_t i = 0; i < articulations_.size(); velocities += articulation_sizes_[i++])
         fastest = std::max(fastest, set_correction(*articulations_[i].multi_body, velocities, most));
     }
@@ -1146,9 +1276,10 @@ class AccurateSolver : public Base {
     const btScalar turn = info.m_splitImpulseTurnErp > 0 ? factor / info.m_splitImpulseTurnErp : 0;
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       if (dynamic_body(i) < 0) continue;
-      body(i).internalGetPushVelocity() = vector_at(found + 6 * i) * factor;
-      body(i).internalGetTurnVelocity() = vector_at(found + 6 * i + 3) * turn;
-      turn_velocity(body(i), vector_at(found + 6 * i + 3) * factor, info.m_timeStep);
+      const double *const velocity = found + place_of(i);
+      body(i).internalGetPushVelocity() = vector_at(velocity) * factor;
+      body(i).internalGetTurnVelocity() = vector_at(velocity + 3) * turn;
+      turn_velocity(body(i), vector_at(velocity + 3) * factor, info.m_timeStep);
     }
   }
 
@@ -1191,6 +1322,13 @@ class AccurateSolver : public Base {
   // Budget of the islands of this part of the sub-step so far.
   double part_budget_ = 0;
   double jacobians_[2][6], responses_[2][6];
+  // The same of coupled bodies.
+  Vector<double> wide_jacobians_[2], wide_responses_[2];
+  // Of each rigid body, if there are couplings; and the numbers of velocities of coupled bodies.
+  Vector<Composite> composites_;
+  Vector<int> composite_sizes_, composite_of_group_, groups_;
+  // Those, then those of articulations.
+  Vector<int> block_sizes_;
   Vector<JointError> joint_errors_;
   Vector<Normal> normals_;
   // Whether all rows are satisfied without impulses.

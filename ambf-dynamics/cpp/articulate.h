@@ -21,7 +21,7 @@ void amb_world_dissolve(AmbWorld *world, AmbArticulation *articulation);
 
 /* Brings objects, bodies and constraints of a world of kind AmbWorldKind_Articulated without articulations back to the order
    in which they were added, which these arrays lose when articulations come and go. The n constraints are those of the
-   world, in that order; null entries are skipped. */
+   world, in that order; null entries are skipped. Couplings forget the motion. */
 void amb_world_restore_order(AmbWorld *world, AmbConstraint *const *constraints, int n);
 
 #endif

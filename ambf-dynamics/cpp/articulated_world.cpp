@@ -128,7 +128,7 @@ void ArticulatedWorld::integrateTransforms(btScalar h) {
   for (AmbConstraint *constraint : external_constraints) constraint->external_rows->write_feedback(h);
 }
 
-void ArticulatedWorld::restore_order(AmbConstraint *const *constraints, int n) {
+void ArticulatedWorld::restore_order(AmbConstraint *const *constraints, int n, const Vector<AmbCoupling *> &couplings) {
   const auto is_earlier = [](const btCollisionObject *a, const btCollisionObject *b) {
     return object_of(a)->index < object_of(b)->index;
   };
@@ -141,6 +141,13 @@ void ArticulatedWorld::restore_order(AmbConstraint *const *constraints, int n) {
     if (!constraints[i]) continue;
     constraint_places.add(constraints[i]->constraint.get(), m_constraints.size());
     m_constraints.push_back(constraints[i]->constraint.get());
+  }
+  for (AmbCoupling *coupling : couplings) {
+    coupling->reset();
+    for (const auto &link : coupling->links) {
+      constraint_places.add(link.get(), m_constraints.size());
+      m_constraints.push_back(link.get());
+    }
   }
 }
 
@@ -189,5 +196,5 @@ void remove_external_constraint(AmbWorld &world, AmbConstraint &constraint) {
 }
 
 extern "C" void amb_world_restore_order(AmbWorld *world, AmbConstraint *const *constraints, int n) {
-  world->articulated->restore_order(constraints, n);
+  world->articulated->restore_order(constraints, n, engine_of(*world).couplings);
 }

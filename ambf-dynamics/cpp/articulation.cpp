@@ -1,6 +1,7 @@
 #include "position_error.h"
 #include "articulation_rows.h"
 
+#include <algorithm>
 #include <unordered_map>
 
 namespace {
@@ -121,8 +122,11 @@ int coordinates_of(AmbConstraint &joint) {
 }
 
 // Whether such a tree, and contacts with its links, are affordable.
-bool is_affordable(const AmbBody &base, AmbConstraint *const *joints, int n) {
-  int coordinates = 0;
+bool is_affordable(const AmbWorld &world, const AmbBody &base, AmbConstraint *const *joints, int n) {
+  int coordinates = 0, couplings = 0;
+  for (const AmbCoupling *coupling : engine_of(world).couplings)
+    couplings += std::find(joints, joints + n, coupling->terms[0].joint) != joints + n;
+  if (couplings > MAX_COUPLED) return false;
   for (int i = 0; i < n; ++i) coordinates += coordinates_of(*joints[i]);
   if (coordinates > MAX_COORDINATES) return false;
   std::unordered_map<const AmbBody *, int> paths{{&base, 0}};
@@ -266,6 +270,7 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
         break;
     }
   }
+  take_couplings();
   dynamics.finish();
   multi_body->finalizeMultiDof();
   multi_body->setLinearDamping(0);
@@ -385,6 +390,38 @@ void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is
   springs.push_back({&constraint, link, low, high});
 }
 
+// Makes the couplings between its joints parts of the equations of motion.
+void AmbArticulation::take_couplings() {
+  for (AmbCoupling *coupling : engine_of(world).couplings) {
+    if (coupling->articulation() != this) continue;
+    coupling->follow_articulation(world);
+    couplings.push_back(coupling);
+    ArticulationDynamics::Coupling &terms = dynamics.couplings.emplace_back();
+    for (const AmbCoupling::Term &term : coupling->terms)
+      terms.push_back({dynamics.links[term.joint->link - 1].coordinate, term.factor});
+  }
+}
+
+// Keeps the coordinates of coupled joints with all their turns.
+void AmbArticulation::remember_coordinates() {
+  for (size_t i = 0; i < couplings.size(); ++i) {
+    for (size_t k = 0; k < couplings[i]->terms.size(); ++k)
+      couplings[i]->terms[k].last = position.q[dynamics.couplings[i][k].coordinate];
+  }
+}
+
+// Gives followers the coordinates that their leaders ask for; angles of joints are known up to whole turns before. At the
+// start those of the leaders have none.
+void AmbArticulation::close_couplings() {
+  for (size_t i = 0; i < couplings.size(); ++i) {
+    AmbCoupling &coupling = *couplings[i];
+    const ArticulationDynamics::Coupling &terms = dynamics.couplings[i];
+    const auto coordinate = [&](size_t k) -> btScalar & { return position.q[terms[k].coordinate]; };
+    coupling.complete(coordinate, joint_rows != nullptr);
+    coordinate(0) = coupling.wanted(coordinate);
+  }
+}
+
 // The damping of a hinge or slider: a spring without stiffness.
 void AmbArticulation::add_damper(AmbConstraint &joint, size_t link) {
   ArticulationDynamics::Spring damper;
@@ -446,6 +483,8 @@ AmbArticulation::~AmbArticulation() {
     joint.articulation = nullptr;
     world.world->addConstraint(joint.constraint.get());
   }
+  remember_coordinates();
+  for (AmbCoupling *coupling : couplings) coupling->follow_articulation(world);
   for (const Spring &spring : springs) {
     if (spring.constraint == members[spring.link + 1].joint) continue;
     world.world->addConstraint(spring.constraint->constraint.get());
@@ -483,7 +522,10 @@ void AmbArticulation::apply_set_state() {
   if (!poses_set && !velocities_set) return;
   if (poses_set) {
     dynamics.reset_estimates();
-    if (joint_rows) joint_rows->reset();
+    if (joint_rows) {
+      joint_rows->reset();
+      remember_coordinates();
+    }
     base_pose = members[0].body->body.getWorldTransform();
     position.origin = base_pose.getOrigin();
     position.rotation = base_pose.getRotation();
@@ -510,6 +552,7 @@ void AmbArticulation::apply_set_state() {
         q = link.axis.dot(relative.getOrigin() - relative.getBasis() * link.arm - link.pivot);
       }
     }
+    close_couplings();
   }
   dynamics.update_poses(position);
   if (dynamics.fixed_base) {
@@ -555,7 +598,9 @@ void AmbArticulation::integrate_free_motion(btScalar h) {
   if (has_feedback) remember_momenta();
   if (dynamics.fixed_base) take_base_velocity();
   choose_springs(h);
-  const bool is_alone = !has_contact && external_constraint_count == 0 && !has_wide_limits && !is_driven();
+  // Motors and limits of coupled joints may contradict each other, which rows resolve.
+  const bool is_alone =
+      !has_contact && external_constraint_count == 0 && !has_wide_limits && !is_driven() && couplings.empty();
   if (is_alone) {
     joint_rows->plan_drives(h);
     dynamics.step(h, position, rate, free_position, free_rate);
@@ -651,6 +696,11 @@ void AmbArticulation::integrate(btScalar h) {
   if (is_corrected && is_accounted) book_correction(h);
   if (is_corrected) dynamics.advance_position(position, h, correction);
   is_corrected = false;
+  for (size_t i = 0; i < couplings.size(); ++i) {
+    const ArticulationDynamics::Coupling &terms = dynamics.couplings[i];
+    const auto coordinate = [&](size_t k) -> btScalar & { return position.q[terms[k].coordinate]; };
+    coordinate(0) = couplings[i]->wanted(coordinate);
+  }
   if (dynamics.fixed_base) {
     // It has been moved.
     const btRigidBody &base = members[0].body->body;
@@ -938,7 +988,7 @@ extern "C" {
 
 AmbArticulation *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstraint *const *joints, int n,
                                       AmbConstraint *const *springs, int n_springs) {
-  if (!world->articulated || !is_affordable(*base, joints, n)) return nullptr;
+  if (!world->articulated || !is_affordable(*world, *base, joints, n)) return nullptr;
   for (int i = 0; i < n; ++i) {
     if (!fits(*joints[i])) return nullptr;
     for (const AmbBody *body : {&first_of(*joints[i]), &second_of(*joints[i])}) {

@@ -75,6 +75,8 @@ struct AmbArticulation {
   Vector<Member> members;
   // In the order of dynamics.springs.
   Vector<Spring> springs;
+  // In the order of dynamics.couplings.
+  Vector<AmbCoupling *> couplings;
   std::unique_ptr<btMultiBody> multi_body;
   std::unique_ptr<JointRows> joint_rows;
   ArticulationDynamics::Position position;
@@ -122,6 +124,9 @@ struct AmbArticulation {
   void end_account(btScalar h, bool is_straight);
   void add_spring(AmbConstraint &constraint, size_t link, bool is_joint);
   void add_damper(AmbConstraint &joint, size_t link);
+  void take_couplings();
+  void remember_coordinates();
+  void close_couplings();
   void choose_springs(btScalar h);
   void follow_base();
   void take_base_velocity();
@@ -186,7 +191,7 @@ class ArticulatedWorld : public LazyWorld<btMultiBodyDynamicsWorld> {
   void solveExternalForces(btContactSolverInfo &info) override;
   void integrateTransforms(btScalar h) override;
   // See amb_world_restore_order.
-  void restore_order(AmbConstraint *const *constraints, int n);
+  void restore_order(AmbConstraint *const *constraints, int n, const Vector<AmbCoupling *> &couplings);
 
   Vector<AmbArticulation *> articulations;
   // Constraints on links that are not joints of the link's articulation.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace {
 
@@ -332,6 +333,7 @@ void ArticulationDynamics::accelerate(const Position &position, const Rate &rate
     work[i].force += linear[i] * (body.mass * body.linear_drag);
   }
   sweep(acceleration, true);
+  if (!couplings.empty()) couple(acceleration);
 }
 
 void ArticulationDynamics::project(const btVector3 *linear_wanted, const btVector3 *angular_wanted, Rate &rate) {
@@ -351,6 +353,7 @@ void ArticulationDynamics::project(const btVector3 *linear_wanted, const btVecto
     work[i].force = (linear_wanted[i] - carried_linear(i)) * -bodies[i].mass;
   }
   sweep(rate, false);
+  if (!couplings.empty()) couple(rate);
   if (!fixed_base) return;
   rate.angular = stage_rate.angular;
   rate.linear = stage_rate.linear;
@@ -963,7 +966,12 @@ void ArticulationDynamics::factor_inertia() {
     }
     if (!is_last) add_to_parent(i);
   }
-  if (fixed_base) return;
+  if (!fixed_base) factor_base();
+  if (!couplings.empty()) find_coupled_space();
+}
+
+void ArticulationDynamics::factor_base() {
+  const size_t n = velocity_size();
   const Work &base = work[0];
   for (size_t k = 0; k < 6; ++k) {
     for (size_t j = 0; j <= k; ++j) factor[k * n + j] = base.articulated.element(static_cast<int>(k), static_cast<int>(j));
@@ -1004,7 +1012,68 @@ void ArticulationDynamics::add_joint_jacobian(size_t body, const btVector3 &forc
   }
 }
 
+// Finds the rows of the couplings for z, made orthonormal by Gram and Schmidt's method. The rows of those whose joints nothing
+// can move are left out.
+void ArticulationDynamics::find_coupled_space() {
+  // Share of the length of a row that is rounding.
+  constexpr btScalar ROUNDING = 1e-10;
+  const size_t n = velocity_size();
+  coupling_rows.clear();
+  coupled_velocity.resize(n);
+  for (const Coupling &coupling : couplings) {
+    std::fill(coupled_velocity.begin(), coupled_velocity.end(), 0);
+    for (const CoupledCoordinate &term : coupling) coupled_velocity[6 + term.coordinate] += term.factor;
+    btScalar *const row = coupled_velocity.data();
+    normalise_uncoupled(row);
+    const auto length = [&] { return btSqrt(std::inner_product(row, row + n, row, btScalar(0))); };
+    const btScalar before = length();
+    // The second time removes what rounding left of the first.
+    remove_uncoupled(row);
+    remove_uncoupled(row);
+    const btScalar after = length();
+    if (!(after > ROUNDING * before)) continue;
+    for (size_t k = 0; k < n; ++k) coupling_rows.push_back(row[k] / after);
+  }
+}
+
+// Takes the parts along the rows of couplings out of velocities z.
+void ArticulationDynamics::remove_uncoupled(btScalar *z) const {
+  const size_t n = velocity_size();
+  for (size_t from = 0; from < coupling_rows.size(); from += n) {
+    const btScalar *const row = &coupling_rows[from];
+    const btScalar part = std::inner_product(z, z + n, row, btScalar(0));
+    for (size_t k = 0; k < n; ++k) z[k] -= part * row[k];
+  }
+}
+
+// Finds the rates, or accelerations, in which the couplings hold and of which the difference from those given has the least
+// kinetic energy (Gauss's principle of least constraint).
+void ArticulationDynamics::couple(Rate &rate) {
+  factor_inertia();
+  coordinates_of(rate, coupled_velocity.data());
+  remove_uncoupled(coupled_velocity.data());
+  rates_of(coupled_velocity.data(), rate);
+  // But for rounding errors they are so already.
+  for (const Coupling &coupling : couplings) {
+    btScalar sum = 0;
+    for (size_t i = 1; i < coupling.size(); ++i) sum += coupling[i].factor * rate.q[coupling[i].coordinate];
+    rate.q[coupling[0].coordinate] = -sum;
+  }
+}
+
 void ArticulationDynamics::normalise(btScalar *row) const {
+  // Share of a row that is rounding: the couplings hold what it would move.
+  constexpr btScalar ROUNDING = 1e-10;
+  normalise_uncoupled(row);
+  if (coupling_rows.empty()) return;
+  const size_t n = velocity_size();
+  const auto square = [&] { return std::inner_product(row, row + n, row, btScalar(0)); };
+  const btScalar before = square();
+  remove_uncoupled(row);
+  if (square() <= ROUNDING * ROUNDING * before) std::fill(row, row + n, 0);
+}
+
+void ArticulationDynamics::normalise_uncoupled(btScalar *row) const {
   const size_t n = velocity_size();
   for (size_t k = n; k-- > (fixed_base ? 6u : 0u);) {
     if (row[k] == 0) continue;

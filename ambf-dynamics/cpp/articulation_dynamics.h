@@ -73,6 +73,14 @@ class ArticulationDynamics {
     btScalar displacement(btScalar q) const;
   };
 
+  // A linear equation between rates of coordinates: the sum of factors times rates is 0. The first is that of the follower, with
+  // the factor 1.
+  struct CoupledCoordinate {
+    int coordinate;
+    btScalar factor;
+  };
+  using Coupling = Vector<CoupledCoordinate>;
+
   // A motor, a stiff spring or a limit of a coordinate, which acts over the whole step: with the impulse x in it, N m s or
   // N s, the rate at its end is target - softness * x, or x is one of its bounds. It is part of the equations of motion:
   // its force at each instant is that with which the acceleration there, kept over the step, leads to that rate.
@@ -230,6 +238,9 @@ class ArticulationDynamics {
   Vector<Body> bodies;
   Vector<Link> links;
   Vector<Spring> springs;
+  // A follower comes after its leaders. They hold in accelerations, in projected rates, and in the responses of rows: all that
+  // `normalise` returns is within the space of rates in which they hold.
+  Vector<Coupling> couplings;
   // Of the next step; `step` is the only function that knows them.
   Vector<Drive> drives;
   // Limits that the step will not reach unless a rate more than doubles: where it does reach one, it is added to the drives and
@@ -318,6 +329,11 @@ class ArticulationDynamics {
   btScalar rounding_of_work(const Position &at) const;
   void update_fastest_mode(const Position &at, const Rate &rate);
   void add_inertias();
+  void factor_base();
+  void find_coupled_space();
+  void normalise_uncoupled(btScalar *row) const;
+  void remove_uncoupled(btScalar *z) const;
+  void couple(Rate &rate);
   static void compute_joint_inertia(const Work &w, Freedom &freedom);
   void add_to_parent(size_t link);
   void sweep(Rate &out, bool with_bias);
@@ -328,6 +344,10 @@ class ArticulationDynamics {
   Vector<int> parent_component;
   // L, by rows, and the inverses of its diagonal.
   Vector<btScalar> factor, inverse_diagonal;
+  // Orthonormal rows for z that couplings keep at 0, one after the other.
+  Vector<btScalar> coupling_rows;
+  // Velocities z while rates are coupled.
+  Vector<btScalar> coupled_velocity;
   // Impulse on one coordinate, as a row for z.
   Vector<btScalar> impulse_row;
   Position stage, part;

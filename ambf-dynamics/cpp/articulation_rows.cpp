@@ -32,9 +32,9 @@ JointRows::JointRows(AmbArticulation &owner)
     : EngineRows(owner.multi_body.get(), nullptr, 0, -1, 3 * owner.dynamics.coordinates, false,
                  MULTIBODY_CONSTRAINT_1DOF_JOINT_MOTOR),
       articulation(owner) {
-  // Maximum number of rows: two limits, a motor, friction and two largest rates for each joint, two limits and a force for each
-  // spring.
-  m_numRows = 6 * owner.dynamics.coordinates + 3 * static_cast<int>(owner.springs.size());
+  // Maximum number of rows: two limits, a motor, a rotor, friction and two largest rates for each joint, two limits and a force
+  // for each spring.
+  m_numRows = 7 * owner.dynamics.coordinates + 3 * static_cast<int>(owner.springs.size());
   m_data.resize(m_numRows);
   planned.reserve(m_numRows + MAX_ROWS * owner.members.size());
   owner.dynamics.drives.reserve(m_numRows);
@@ -49,7 +49,7 @@ void JointRows::reset() {
   last_rate.assign(articulation.dynamics.coordinates, 0);
   last_change.assign(articulation.dynamics.coordinates, 0);
   planned.clear();
-  forces.assign(2 * articulation.dynamics.coordinates + articulation.springs.size(), 0);
+  forces.assign(3 * articulation.dynamics.coordinates + articulation.springs.size(), 0);
   limit_impulses.assign(articulation.dynamics.coordinates, 0);
   limit_feedforward.assign(articulation.dynamics.coordinates, 0);
   held_by_limits.assign(articulation.dynamics.coordinates, 0);
@@ -255,6 +255,10 @@ void JointRows::plan_drives(btScalar h) {
     btScalar target, softness, impulse;
     if (motor_of(joint, h, target, softness, impulse))
       plan_drive(link.coordinate, target, softness, -impulse, impulse, link.coordinate, is_hinge);
+    // The inertia of a rotor resists any change of the rate that it has.
+    if (joint.motor.armature > 0)
+      plan_drive(link.coordinate, articulation.rate.q[link.coordinate], 1 / joint.motor.armature, -BT_LARGE_FLOAT,
+                 BT_LARGE_FLOAT, rotor_of(link.coordinate), is_hinge);
     const btScalar friction = joint.motor.friction * h;
     if (friction > 0) plan_drive(link.coordinate, 0, 0, -friction, friction, friction_of(link.coordinate), is_hinge);
     for (const btScalar side : {1, -1}) {
@@ -362,6 +366,9 @@ void JointRows::plan_motors(btScalar h) {
     const ArticulationDynamics::Link &link = articulation.dynamics.links[i - 1];
     if (link.freedoms() != 1) continue;
     plan_motor(joint, link.coordinate, h);
+    if (joint.motor.armature > 0)
+      add_feedforward_row({link.coordinate, articulation.rate.q[link.coordinate], 1 / joint.motor.armature, -BT_LARGE_FLOAT,
+                           BT_LARGE_FLOAT, rotor_of(link.coordinate)}, h);
     const btScalar friction = joint.motor.friction * h;
     if (friction > 0) add_feedforward_row({link.coordinate, 0, 0, -friction, friction, friction_of(link.coordinate)}, h);
   }

@@ -34,8 +34,8 @@ class JointRows : public EngineRows {
   WorkKind work_kind(int row) const override {
     const int source = planned[row].source;
     return source < 0                                   ? WorkKind::Limit
-           : source < articulation.dynamics.coordinates ? WorkKind::Motor
-                                                        : WorkKind::Damping;
+           : source < articulation.dynamics.coordinates || source >= rotor_of(0) ? WorkKind::Motor
+                                                                                 : WorkKind::Damping;
   }
   // Adds the work of the fed-forward forces over the motion since `from` and `rate` to the ledger; pose_lead as in
   // ledger.h.
@@ -70,7 +70,8 @@ class JointRows : public EngineRows {
     btScalar target;     // rate, rad/s or m/s
     btScalar softness;   // change of rate per impulse
     btScalar low, high;  // bounds of the impulse
-    // Motor: its coordinate; stiff spring: the number of coordinates plus the index of the spring; friction: see friction_of.
+    // Motor: its coordinate; stiff spring: the number of coordinates plus the index of the spring; friction and rotor: see
+    // friction_of and rotor_of.
     int source = LIMIT;
     // Impulse of the fed-forward force, which is part of the free motion.
     btScalar feedforward = 0;
@@ -94,6 +95,8 @@ class JointRows : public EngineRows {
   int friction_of(int coordinate) const {
     return articulation.dynamics.coordinates + static_cast<int>(articulation.springs.size()) + coordinate;
   }
+  // Source of the inertia of the rotor of a coordinate: those of rotors follow those of friction.
+  int rotor_of(int coordinate) const { return friction_of(articulation.dynamics.coordinates) + coordinate; }
   // Rate without a force of the spring at the end of the sub-step, rad/s or m/s.
   btScalar target_of(const ArticulationDynamics::Spring &spring, btScalar h) const;
   void plan_limits_of(AmbConstraint &joint, size_t member, btScalar h);

@@ -12,7 +12,8 @@ namespace {
 
 // The rows of the motor and of what resists it come after the rows of Bullet.
 void add_rows(SoftMotor &motor, btTypedConstraint::btConstraintInfo1 &info) {
-  motor.rows.count = motor.enabled + (motor.damping > 0) + (motor.friction > 0) + (motor.bounds_rate() ? 2 : 0);
+  motor.rows.count = motor.enabled + (motor.damping > 0) + (motor.armature > 0) + (motor.friction > 0) +
+                     (motor.bounds_rate() ? 2 : 0);
   if (motor.rows.count == 0) return;
   motor.rows.first = info.m_numConstraintRows;
   info.m_numConstraintRows += motor.rows.count;
@@ -31,9 +32,9 @@ void respect_limits(ConstraintRow &row, const SoftMotor &motor, btScalar at, btS
   if (row.target > 0) row.target = btMin(row.target, btMax((motor.high - at) * per_second, btScalar(0)));
 }
 
-// Writes these rows. `set_axis` writes the Jacobian of the coordinate to a row; at: coordinate, rad or m.
+// Writes these rows. `set_axis` writes the Jacobian of the coordinate to a row; at, rate: coordinate, rad or m, and its rate.
 template <class SetAxis>
-void write_rows(SoftMotor &motor, btTypedConstraint::btConstraintInfo2 &info, btScalar at, SetAxis set_axis) {
+void write_rows(SoftMotor &motor, btTypedConstraint::btConstraintInfo2 &info, btScalar at, btScalar rate, SetAxis set_axis) {
   const btScalar h = 1 / info.fps;
   int next = 0;
   const auto new_row = [&](btScalar softness) {
@@ -49,6 +50,8 @@ void write_rows(SoftMotor &motor, btTypedConstraint::btConstraintInfo2 &info, bt
   }
   // The impulse -h * damping * rate with the rate at the end of the sub-step: no damping is too strong.
   if (motor.damping > 0) new_row(1 / (h * motor.damping)).set(0, -BT_LARGE_FLOAT, BT_LARGE_FLOAT);
+  // The impulse -armature * change of the rate.
+  if (motor.armature > 0) new_row(1 / motor.armature).set(rate, -BT_LARGE_FLOAT, BT_LARGE_FLOAT);
   if (motor.friction > 0) new_row(0).set(0, -motor.friction * h, motor.friction * h);
   if (motor.bounds_rate()) {
     new_row(0).set(motor.max_rate, -BT_LARGE_FLOAT, 0);
@@ -70,7 +73,7 @@ struct DrivenHinge : WithExactRows<btHingeConstraint> {
     WithExactRows::getInfo2(info);
     if (motor.rows.count == 0) return;
     const btVector3 axis = (m_rbA.getCenterOfMassTransform() * getAFrame()).getBasis().getColumn(2);
-    write_rows(motor, *info, motor.coordinate_of(getHingeAngle()), [&](ConstraintRow &row) {
+    write_rows(motor, *info, motor.coordinate_of(getHingeAngle()), rate(), [&](ConstraintRow &row) {
       write_vector(-axis, row.angular_a);
       write_vector(axis, row.angular_b);
     });
@@ -113,7 +116,7 @@ struct DrivenSlider : WithExactRows<btSliderConstraint> {
     WithExactRows::getInfo2(info);
     if (motor.rows.count == 0) return;
     const Geometry now = geometry();
-    write_rows(motor, *info, now.position, [&](ConstraintRow &row) {
+    write_rows(motor, *info, now.position, rate(now), [&](ConstraintRow &row) {
       write_vector(-now.axis, row.linear_a);
       write_vector(now.axis, row.linear_b);
       write_vector(-now.arm_a.cross(now.axis), row.angular_a);
@@ -342,9 +345,11 @@ void amb_constraint_clear_soft_motor(AmbConstraint *constraint) {
   motor.velocity = motor.max_force = motor.softness = 0;
 }
 
-int amb_constraint_set_resistance(AmbConstraint *constraint, double damping, double friction, double max_rate) {
+int amb_constraint_set_resistance(AmbConstraint *constraint, double damping, double armature, double friction,
+                                  double max_rate) {
   if (constraint->kind != Kind::Hinge && constraint->kind != Kind::Slider) return 1;
   constraint->motor.damping = damping;
+  constraint->motor.armature = armature;
   constraint->motor.friction = friction;
   constraint->motor.max_rate = btMin(max_rate, btScalar(BT_LARGE_FLOAT));
   return !constraint->articulation || constraint->articulation->damping_changed(*constraint);

@@ -16,10 +16,11 @@ AmbConstraint *amb_implicit_spring_new(AmbBody *a, AmbBody *b, const double fram
 int amb_constraint_set_soft_motor(AmbConstraint *constraint, double velocity, double softness, double max_force);
 /* Disables the row. */
 void amb_constraint_clear_soft_motor(AmbConstraint *constraint);
-/* Sets what resists the motion of a hinge or slider: the effort -damping * rate, N m or N, dry friction of at most `friction`,
-   N m or N, and whatever keeps the rate within +-max_rate, rad/s or m/s. Returns 0 if it is a joint of an articulation that
-   was made when there was no damping, and has no place for it. */
-int amb_constraint_set_resistance(AmbConstraint *constraint, double damping, double friction, double max_rate);
+/* Sets what resists the motion of a hinge or slider: the efforts -damping * rate and -armature * acceleration, N m or N, dry
+   friction of at most `friction`, N m or N, and whatever keeps the rate within +-max_rate, rad/s or m/s. Returns 0 if it is a
+   joint of an articulation that was made when there was no damping, and has no place for it. */
+int amb_constraint_set_resistance(AmbConstraint *constraint, double damping, double armature, double friction,
+                                  double max_rate);
 /* Writes the coordinate of a hinge (rad, within pi of the middle of its limits, without them of 0) or slider (m) and its rate,
    from the present poses and velocities. Returns 0 for constraints of other types. */
 int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]);

@@ -5,6 +5,7 @@
 #include "accurate.h"
 #include "exact_joints.h"
 #include "continuous.h"
+#include "couple.h"
 #include "drive.h"
 #include "energy.h"
 #include "flight.h"

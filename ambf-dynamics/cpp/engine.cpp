@@ -76,6 +76,7 @@ bool EngineWorld::pose_set(AmbBody &body) {
   // solvers it stays so, as in plain Bullet.
   if (solver == AmbSolver_Accurate) body.body.updateInertiaTensor();
   if (body.articulation) body.articulation->poses_set = true;
+  for (AmbCoupling *coupling : couplings) coupling->has_jumped = coupling->has_jumped || coupling->moves(body);
   return body.articulation;
 }
 
@@ -112,6 +113,7 @@ bool EngineWorld::read_coordinate(const AmbConstraint &constraint, btScalar &coo
 void EngineWorld::recovered() {
   accurate.recent_turn_rate = 0;
   sub_step = 0;
+  for (AmbCoupling *coupling : couplings) coupling->reset();
   // The energy of the state that was left has no relation to that of the new one.
   if (ledger.enabled) ledger.start(*this);
   if (!world.articulated) return;

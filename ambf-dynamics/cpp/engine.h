@@ -4,6 +4,7 @@
 
 #include "accurate_context.h"
 #include "contact_algorithms.h"
+#include "coupling.h"
 #include "internal.h"
 #include "ledger.h"
 
@@ -61,6 +62,8 @@ class EngineWorld final : public Extension {
   // See rays.h.
   bool exact_rays = false;
   Vector<AmbImpact> impacts;
+  // In the order in which they were added: a follower comes after its leaders.
+  Vector<AmbCoupling *> couplings;
   ContactAlgorithms contact_algorithms;
 };
 

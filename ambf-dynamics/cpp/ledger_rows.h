@@ -7,6 +7,7 @@
 
 #include "ledger.h"
 #include "position_error.h"
+#include "coupled_rows.h"
 #include "soft_rows.h"
 #include "articulation_solver.h"
 
@@ -14,7 +15,7 @@
 // sub-step and after its free motion.
 void read_rates(const btMultiBody &multi_body, Vector<btScalar> &start, Vector<btScalar> &free);
 
-// Any solver of the sequential-impulse family. The work of a row is its impulse times the mean of its velocities before
+// A solver of the sequential-impulse family with couplings. The work of a row is its impulse times the mean of its velocities before
 // and after the sub-step: for rigid bodies the sum over all rows, and forces, is exactly the change of kinetic energy.
 template <class Base>
 class WithLedger : public Base {
@@ -42,6 +43,12 @@ class WithLedger : public Base {
       last = constraint;
       ledger.book(kind_of(*constraint, joints[i], index), work_of(joints[i]));
     }
+    for (const auto &row : this->coupled_rows_) {
+      const auto speeds = [this](const auto &part) {
+        return speeds_of(this->m_tmpSolverBodyPool[part.body], part.linear, part.angular);
+      };
+      if (row.impulse != 0) ledger.book(WorkKind::Joint, row.impulse / 2 * this->sum_of_parts(row, speeds));
+    }
     book_all(this->m_tmpSolverContactConstraintPool, WorkKind::Contact);
     book_all(this->m_tmpSolverContactFrictionConstraintPool, WorkKind::Friction);
     book_all(this->m_tmpSolverContactRollingFrictionConstraintPool, WorkKind::Friction);
@@ -64,7 +71,7 @@ class WithLedger : public Base {
     const bool is_spring = constraint.getConstraintType() == D6_SPRING_2_CONSTRAINT_TYPE;
     const SoftRows *soft = soft_rows_of(constraint);
     if (!is_spring && soft && index >= soft->first && index < soft->first + soft->count) {
-      return soft->count == 6 ? WorkKind::BodyDrive : WorkKind::Motor;
+      return constraint.getConstraintType() == D6_CONSTRAINT_TYPE ? WorkKind::BodyDrive : WorkKind::Motor;
     }
     const bool low_open = row.m_lowerLimit <= -UNBOUNDED, high_open = row.m_upperLimit >= UNBOUNDED;
     const bool is_soft = is_spring && soft && index >= soft->first && index < soft->first + soft->count;

@@ -209,8 +209,9 @@ struct SoftMotor {
   btScalar velocity = 0;
   btScalar max_force = 0;
   btScalar softness = 0;
-  // Viscous damping, N m s/rad or N s/m; dry friction, N m or N; largest rate, rad/s or m/s.
-  btScalar damping = 0, friction = 0, max_rate = BT_LARGE_FLOAT;
+  // Viscous damping, N m s/rad or N s/m; inertia of the rotor, kg m^2 or kg; dry friction, N m or N; largest rate, rad/s or
+  // m/s.
+  btScalar damping = 0, armature = 0, friction = 0, max_rate = BT_LARGE_FLOAT;
   // Limits of the joint, rad or m, as they were set through the shim: Bullet wraps those of a hinge to [-pi, pi].
   // low > high: no limits.
   btScalar low = 1, high = -1;

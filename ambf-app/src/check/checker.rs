@@ -191,7 +191,7 @@ impl Checker {
             let default = row.kind;
             self.findings.push(Finding::of_problem(problem, elements.kind_of(&problem.path).unwrap_or(default)));
         }
-        let unlisted = report.warnings() + report.errors() - report.problems().len();
+        let unlisted = report.unlisted();
         if unlisted > 0 {
             let place = SourcePos { file: Path::new(&row.file).into(), line: 0, column: 0 };
             let sentence = format!("{unlisted} further problems are not listed");

@@ -157,8 +157,11 @@ fn joint(pass: &mut Pass<'_>, joint: &Joint) {
     if is_spring && joint.limits.is_none() {
         pass.differs(&original::SPRING_LOCKED, &common.identifier);
     }
-    if matches!(joint.kind, JointKind::Revolute | JointKind::Prismatic) && joint.damping != 0.0 {
-        pass.differs(&original::DAMPING_UNUSED, &common.identifier);
+    if has(pass, common, "drive train") {
+        pass.differs(&original::DRIVE_TRAIN, &common.identifier);
+    }
+    if joint.coupling.is_some() {
+        pass.differs(&original::COUPLING, &common.identifier);
     }
 }
 

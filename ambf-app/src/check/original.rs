@@ -71,9 +71,12 @@ differences! {
     ENABLE_MOTOR_ALONE: "enable motor", "enable motor",
         "counts",
         "looks for `enable feedback` instead, and refuses the file because it is missing";
-    DAMPING_UNUSED: "no effect", "damping",
-        "has no effect: only springs have damping",
-        "";
+    COUPLING: "coupling", "coupling",
+        "makes the joint follow others",
+        "moves the joint on its own";
+    DRIVE_TRAIN: "drive train", "drive train",
+        "counts",
+        "loses nothing by it, and bounds nothing";
     SPRING_LOCKED: "no effect", "joint limits",
         "are missing or not both there: the spring is locked and its stiffness has no effect",
         "";

@@ -87,7 +87,7 @@ impl World {
         self.dissolve_until_restart(handle)
     }
 
-    fn dissolve_until_restart(&mut self, handle: ArticulationHandle) -> bool {
+    pub(super) fn dissolve_until_restart(&mut self, handle: ArticulationHandle) -> bool {
         let _arena = self.enter();
         let Some(articulation) = self.articulations.remove(handle) else { return false };
         // SAFETY: the world, the articulation, its bodies and constraints are alive; no pointer to the articulation is

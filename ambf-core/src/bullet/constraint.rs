@@ -213,7 +213,7 @@ pub(super) enum Motor {
 pub(super) struct OwnedConstraint {
     pub(super) raw: NonNull<sys::AmbConstraint>,
     pub(super) bodies: [BodyHandle; 2],
-    motor: Motor,
+    pub(super) motor: Motor,
     /// See [`ConstraintKind::is_simple`].
     pub(super) is_simple: bool,
     /// Spring about or along one axis, with all other axes locked.
@@ -360,13 +360,14 @@ impl World {
         Some(self.constraints.get(handle)?.index)
     }
 
-    /// Removes a constraint; the places of others in [`constraints`](Self::constraints) stay. An articulation of which
-    /// it is a joint is dissolved. False when it is not there.
+    /// Removes a constraint and its couplings; the places of others in [`constraints`](Self::constraints) stay. An articulation
+    /// of which it is a joint is dissolved. False when it is not there.
     pub fn remove_constraint(&mut self, handle: ConstraintHandle) -> bool {
         let _arena = self.enter();
         if let Some(articulation) = self.constraints.get(handle).and_then(|constraint| constraint.articulation) {
             self.dissolve(articulation);
         }
+        self.uncouple(handle);
         let Some(constraint) = self.constraints.remove(handle) else { return false };
         self.trees.retain(|tree| !tree.contains(&handle));
         for body in constraint.bodies {

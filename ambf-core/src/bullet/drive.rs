@@ -27,6 +27,8 @@ pub struct SoftMotor {
 pub struct Resistance {
     /// Viscous damping, N·m·s/rad or N·s/m, not negative: effort = −damping · rate.
     pub damping: f64,
+    /// Inertia of the rotor, kg·m² or kg, not negative: effort = −armature · acceleration.
+    pub armature: f64,
     /// Dry friction, N·m or N, not negative: the largest effort against the motion.
     pub friction: f64,
     /// Largest rate, rad/s or m/s: whatever effort keeps it. Infinite: unbounded.
@@ -67,11 +69,11 @@ impl World {
     /// the joint is made anew, which forgets contacts of its bodies.
     pub fn set_resistance(&mut self, handle: ConstraintHandle, resistance: Resistance) {
         let Some(raw) = self.raw_constraint(handle) else { return };
-        let Resistance { damping, friction, max_rate } = resistance;
+        let Resistance { damping, armature, friction, max_rate } = resistance;
         let has_place = {
             let _arena = self.enter();
             // SAFETY: the constraint is alive.
-            unsafe { sys::amb_constraint_set_resistance(raw, damping, friction, max_rate) != 0 }
+            unsafe { sys::amb_constraint_set_resistance(raw, damping, armature, friction, max_rate) != 0 }
         };
         if !has_place {
             self.articulate_anew(handle);

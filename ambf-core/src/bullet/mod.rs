@@ -13,6 +13,7 @@ mod articulation;
 mod body;
 mod constraint;
 mod contact;
+mod coupling;
 mod drive;
 mod energy;
 mod ghost;

@@ -9,6 +9,7 @@ use thiserror::Error;
 
 use super::articulation::OwnedArticulation;
 use super::constraint::OwnedConstraint;
+use super::coupling::OwnedCoupling;
 use super::{ArticulationHandle, ConstraintHandle, Integrator, World};
 
 /// Why a state was not saved or not restored; nothing has changed then.
@@ -41,6 +42,7 @@ pub struct SavedWorld {
     integrator: Integrator,
     articulations: SlotMap<ArticulationHandle, OwnedArticulation>,
     constraints: SlotMap<ConstraintHandle, OwnedConstraint>,
+    couplings: Vec<OwnedCoupling>,
     constraint_list: Vec<*mut sys::AmbConstraint>,
     constraint_order: Vec<ConstraintHandle>,
     readings: Vec<u8>,
@@ -112,6 +114,7 @@ impl World {
             integrator,
             articulations,
             constraints,
+            couplings,
             constraint_list,
             constraint_order,
             readings,
@@ -124,6 +127,7 @@ impl World {
             integrator: *integrator,
             articulations: articulations.clone(),
             constraints: constraints.clone(),
+            couplings: couplings.clone(),
             constraint_list: constraint_list.clone(),
             constraint_order: constraint_order.clone(),
             readings: readings.clone(),
@@ -164,6 +168,7 @@ impl World {
         self.integrator = saved.integrator;
         self.articulations.clone_from(&saved.articulations);
         self.constraints.clone_from(&saved.constraints);
+        self.couplings.clone_from(&saved.couplings);
         self.constraint_list.clone_from(&saved.constraint_list);
         self.constraint_order.clone_from(&saved.constraint_order);
         self.readings.clone_from(&saved.readings);

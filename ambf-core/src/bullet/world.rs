@@ -9,6 +9,7 @@ use super::arena::{Arena, ArenaGuard};
 use super::articulation::OwnedArticulation;
 use super::body::OwnedBody;
 use super::constraint::OwnedConstraint;
+use super::coupling::OwnedCoupling;
 use super::ghost::OwnedGhost;
 use super::soft_world::OwnedSoftBody;
 use super::vehicle::OwnedVehicle;
@@ -45,6 +46,7 @@ pub struct World {
     pub(super) trees: Vec<Vec<ConstraintHandle>>,
     pub(super) bodies: SlotMap<BodyHandle, OwnedBody>,
     pub(super) constraints: SlotMap<ConstraintHandle, OwnedConstraint>,
+    pub(super) couplings: Vec<OwnedCoupling>,
     pub(super) ghosts: SlotMap<GhostHandle, OwnedGhost>,
     pub(super) vehicles: SlotMap<VehicleHandle, OwnedVehicle>,
     pub(super) soft_bodies: SlotMap<SoftBodyHandle, OwnedSoftBody>,
@@ -174,6 +176,7 @@ impl World {
             trees: Vec::new(),
             bodies: SlotMap::with_key(),
             constraints: SlotMap::with_key(),
+            couplings: Vec::new(),
             ghosts: SlotMap::with_key(),
             vehicles: SlotMap::with_key(),
             soft_bodies: SlotMap::with_key(),

@@ -1,6 +1,6 @@
 //! Bodies are put onto their joints before the first step.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::f64::consts::PI;
 
 use ambf_dynamics::assembly::{self, Gap, Kind, Omission, Range};
@@ -75,12 +75,15 @@ impl Assembly {
             .collect();
         let closed: Vec<usize> = (0..all.len()).filter(|&index| !self.0[index].is_left_open).collect();
         let mut to_close: Vec<assembly::Joint> = closed.iter().map(|&index| all[index].clone()).collect();
-        assembly::assemble(&mut bodies, &to_close);
+        let index_of: HashMap<JointId, usize> =
+            closed.iter().enumerate().map(|(index, &of)| (self.0[of].joint, index)).collect();
+        let couplings = couplings(scene, &index_of);
+        assembly::assemble_coupled(&mut bodies, &to_close, &couplings);
         let redundant = assembly::omit_redundant_rows(&bodies, &mut to_close);
         if !redundant.is_empty() {
             // Not from the compromise of all rows.
             bodies = written;
-            assembly::assemble(&mut bodies, &to_close);
+            assembly::assemble_coupled(&mut bodies, &to_close, &couplings);
         }
         let joint_of = |index: usize| self.0[closed[index]].joint;
         let mut omitted = Vec::new();
@@ -103,6 +106,21 @@ impl Assembly {
         let is_open = |index: &usize| self.0[*index].is_left_open && matters(&assembly::gap(&all[*index], &bodies));
         (notes, (0..all.len()).filter(is_open).map(|index| self.0[index].joint).collect())
     }
+}
+
+/// The couplings between joints that are assembled; `index_of`: which one a joint of the scene is.
+fn couplings(scene: &Scene, index_of: &HashMap<JointId, usize>) -> Vec<assembly::Coupling> {
+    let coupled = scene.joints.entries().filter_map(|(id, joint)| Some((id, joint.coupling.as_ref()?)));
+    coupled
+        .filter_map(|(id, coupling)| {
+            let leaders = coupling.leaders.iter().map(|(leader, ratio)| Some((*index_of.get(leader)?, *ratio)));
+            Some(assembly::Coupling {
+                follower: *index_of.get(&id)?,
+                leaders: leaders.collect::<Option<_>>()?,
+                offset: coupling.offset,
+            })
+        })
+        .collect()
 }
 
 fn matters(gap: &Gap) -> bool {

@@ -1,19 +1,19 @@
 //! Builds the objects of one model after the other: what they have in common, joints, cameras and lights. Rigid bodies are in
 //! `rigid_bodies`, all others in `elements`.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 use std::sync::Arc;
 
 use super::assemble::Assembly;
 use super::attached::{camera_parameters, camera_pose, first_target, light_rotation, Attached, Camera, Light};
 use super::hulls::CollisionMeshes;
-use super::joint::{constraint, frames, resistance, Joint};
+use super::joint::{constraint, frames, resistance, Joint, JointCoupling};
 use super::planned::PlannedModel;
 use super::{Found, Identity, ModelInfo, NameMap, Note, ObjectType, Parent, Scene};
 use crate::adf::{self, Severity, SourcePos};
 use crate::comm::{LightParameters, Rates};
-use crate::ids::{BodyId, Id, ModelId};
+use crate::ids::{BodyId, Id, JointId, ModelId};
 use crate::mesh::Mesh;
 
 /// Adds models to a scene, one after the other.
@@ -83,6 +83,7 @@ impl<'a> Builder<'a> {
                 self.scene.place_ghost(ghost);
             }
         }
+        self.note_open_couplings();
         let remarks = self.scene.articulate(&self.models, &open);
         self.notes.extend(remarks);
         let mut buffer = vec![0.0; self.scene.world.constraints().len()];
@@ -155,8 +156,14 @@ impl<'a> Builder<'a> {
             });
         }
         self.add_lists(model, false);
+        let mut made = Vec::with_capacity(model.joints.len());
         for joint in &model.joints {
+            let id = self.scene.joints.next_id();
             self.with_plugins(ObjectType::Joint, &joint.common, |builder| builder.add_joint(joint));
+            made.push((self.scene.joints.next_id() != id).then_some(id));
+        }
+        if model.joints.iter().any(|joint| joint.coupling.is_some()) {
+            self.couple(model, &made);
         }
         self.add_lists(model, true);
     }
@@ -218,6 +225,64 @@ impl<'a> Builder<'a> {
         self.scene.has_feedback |= joint.enable_feedback && handle.is_some();
         let live = Joint::new(joint, key, (parent, child), self.model, ([frame_a, frame_b], axis), handle, measured);
         self.scene.joints.push(live);
+    }
+
+    /// Couples the joints of a model; `made`: those that were made, in its order.
+    fn couple(&mut self, model: &adf::Model, made: &[Option<JointId>]) {
+        let mut named: HashMap<&str, JointId> = HashMap::new();
+        for (joint, id) in model.joints.iter().zip(made) {
+            if let Some(id) = *id {
+                named.entry(&joint.common.identifier).or_insert(id);
+            }
+        }
+        for index in adf::followers(&model.joints) {
+            let (joint, Some(id)) = (&model.joints[index], made[index]) else { continue };
+            let Some(coupling) = &joint.coupling else { continue };
+            let found: Result<Vec<(JointId, f64)>, &str> = coupling
+                .leaders
+                .iter()
+                .map(|leader| Ok((*named.get(leader.joint.as_str()).ok_or(leader.joint.as_str())?, leader.ratio)))
+                .collect();
+            let leaders = match found {
+                Ok(leaders) => leaders,
+                Err(missing) => {
+                    let message = format!(
+                        "`{}` moves on its own: `{missing}`, which it follows, is dropped",
+                        joint.common.identifier
+                    );
+                    self.note(Severity::Error, &joint.common.source, message);
+                    continue;
+                }
+            };
+            let handle = |id: JointId| self.scene.joints[id].handle;
+            let handles: Option<Vec<_>> =
+                leaders.iter().map(|&(leader, ratio)| Some((handle(leader)?, ratio))).collect();
+            let (Some(follower), Some(handles)) = (handle(id), handles) else { continue };
+            if self.scene.world.couple(follower, &handles, coupling.offset) {
+                self.scene.joints[id].coupling = Some(JointCoupling { leaders, offset: coupling.offset });
+                self.scene.followers.push(id);
+            }
+        }
+    }
+
+    /// Names the followers that do not start where their leaders ask for.
+    fn note_open_couplings(&mut self) {
+        /// Errors from these on are said: m and rad (0.1°).
+        const OPEN: [f64; 2] = [1e-4, 1.75e-3];
+        for &id in &self.scene.followers {
+            let joint = &self.scene.joints[id];
+            let error = self.scene.coupling_error(id).unwrap_or(0.0);
+            let is_angular = joint.joint_type.is_angular();
+            if !self.models.contains(&joint.model) || error.abs() <= OPEN[usize::from(is_angular)] {
+                continue;
+            }
+            let unit = if is_angular { "rad" } else { "m" };
+            let message = format!(
+                "`{}` starts {error:.3e} {unit} from where its coupling asks for, and is brought there",
+                joint.name
+            );
+            self.notes.push(Note { severity: Severity::Warning, source: joint.source.clone(), message, wanted: None });
+        }
     }
 
     /// The body that `text` names for an element; `None`, and a note that the element is dropped, if there is none.

@@ -10,7 +10,7 @@ use crate::adf::{self, ControllerOutput, JointKind, Limits, SixDofLimits, Source
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, ConstraintParameter, Resistance, Spring, World};
 use crate::comm::{JointCommandType, Wrench};
 use crate::control::{shortest_angle, JointController, Profile};
-use crate::ids::{BodyId, ModelId};
+use crate::ids::{BodyId, JointId, ModelId};
 
 /// What kind of coordinate a joint has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -100,6 +100,22 @@ impl From<&JointKind> for JointType {
     }
 }
 
+/// What a joint follows: its position is the sum of those of its leaders, each times the ratio beside it, plus the offset.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointCoupling {
+    /// The leaders, and the rate of the follower over that of each.
+    pub leaders: Vec<(JointId, f64)>,
+    /// rad or m.
+    pub offset: f64,
+}
+
+impl JointCoupling {
+    /// The position that the leaders ask for where theirs are `position`, rad or m.
+    pub fn asked(&self, position: impl Fn(JointId) -> f64) -> f64 {
+        self.offset + self.leaders.iter().map(|&(leader, ratio)| ratio * position(leader)).sum::<f64>()
+    }
+}
+
 /// A joint of a [`Scene`](super::Scene).
 #[derive(Debug, Clone)]
 pub struct Joint {
@@ -125,6 +141,8 @@ pub struct Joint {
     pub max_motor_impulse: f64,
     /// What it loses, and what its drive can do at most.
     pub drive_train: adf::DriveTrain,
+    /// What it follows.
+    pub coupling: Option<JointCoupling>,
     /// Reactions are estimated.
     pub feedback: bool,
     /// Its wrench is measured.
@@ -184,6 +202,7 @@ impl Joint {
             enable_motor: _,
             max_motor_impulse: _,
             drive_train,
+            coupling: _,
             feedback: _,
             is_measured: _,
             position,
@@ -241,6 +260,7 @@ impl Joint {
             enable_motor: joint.enable_motor,
             max_motor_impulse: joint.max_motor_impulse,
             drive_train: joint.drive_train,
+            coupling: None,
             feedback: joint.enable_feedback,
             is_measured,
             position: 0.0,
@@ -459,15 +479,15 @@ fn angle_between(u: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
 
 /// What resists its motion; `None` for joints without a drive, and those that nothing resists.
 pub(super) fn resistance(joint: &adf::Joint) -> Option<Resistance> {
-    let adf::DriveTrain { damping, friction, max_effort: _, max_rate } = joint.drive_train;
-    let resists = JointType::from(&joint.kind).has_motor() && (damping > 0.0 || friction > 0.0 || max_rate.is_some());
-    resists.then(|| resistance_of(&joint.drive_train))
+    let adf::DriveTrain { damping, armature, friction, max_effort: _, max_rate } = joint.drive_train;
+    let has_any = damping > 0.0 || armature > 0.0 || friction > 0.0 || max_rate.is_some();
+    (JointType::from(&joint.kind).has_motor() && has_any).then(|| resistance_of(&joint.drive_train))
 }
 
 /// What resists the motion of a joint with a drive.
 pub(super) fn resistance_of(drive_train: &adf::DriveTrain) -> Resistance {
-    let adf::DriveTrain { damping, friction, max_effort: _, max_rate } = *drive_train;
-    Resistance { damping, friction, max_rate: max_rate.unwrap_or(f64::INFINITY) }
+    let adf::DriveTrain { damping, armature, friction, max_effort: _, max_rate } = *drive_train;
+    Resistance { damping, armature, friction, max_rate: max_rate.unwrap_or(f64::INFINITY) }
 }
 
 /// The Bullet constraint that a joint becomes; `None` for an unknown type.

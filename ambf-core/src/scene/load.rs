@@ -118,10 +118,9 @@ pub fn load_with_progress(files: &SceneFiles, options: &SceneOptions, progress: 
     let has_soft_bodies = all().any(|model| !model.soft_bodies.is_empty());
     let may_articulate = options.may_grow || all().any(articulate::may_articulate);
     let mut notes = Vec::new();
-    let has_massless_links = all().any(|model| model.has_massless_links);
     let joints = if !may_articulate {
         JointCoordinates::Full
-    } else if has_massless_links {
+    } else if all().any(adf::Model::wants_reduced_coordinates) {
         JointCoordinates::ReducedWhereNeeded
     } else {
         JointCoordinates::ReducedByProfile

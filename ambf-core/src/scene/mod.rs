@@ -54,7 +54,7 @@ pub use ghost::Ghost;
 pub use graph::{BodyGraph, Descendant};
 pub use hulls::convex_hulls;
 pub use identity::Identity;
-pub use joint::{Joint, JointType};
+pub use joint::{Joint, JointCoupling, JointType};
 pub use list::Objects;
 use list::{ObjectList, SceneObject, Update};
 pub use load::{load, load_with_progress, read_model, Loaded, PreparedModel, SceneFiles, SceneReport};
@@ -219,6 +219,8 @@ pub struct Scene {
     elements: Vec<(Update, usize)>,
     /// Contacts of the parents of contact sensors.
     touching: ContactLists,
+    /// Joints that follow others, each after its leaders.
+    followers: Vec<JointId>,
     /// Joints of loops of which rows are left out: without one of its joints a loop needs those rows.
     redundant_loops: Vec<Vec<JointId>>,
     /// How often objects came or went.
@@ -262,6 +264,7 @@ impl Scene {
             joint_names: NameMap::default(),
             elements: Vec::new(),
             touching: ContactLists::default(),
+            followers: Vec::new(),
             redundant_loops: Vec::new(),
             changes: 0,
         }
@@ -293,6 +296,7 @@ impl Scene {
             joint_names: _,
             elements: _,
             touching: _,
+            followers: _,
             redundant_loops: _,
             changes: _,
             has_feedback: _,
@@ -323,6 +327,12 @@ impl Scene {
             rates: self.world_rates,
         };
         std::iter::once(world).chain(self.objects_of(|_| true)).collect()
+    }
+
+    /// By how much the position of a joint exceeds what the joints that it follows ask for, rad or m; `None` of a joint that moves
+    /// on its own.
+    pub fn coupling_error(&self, joint: JointId) -> Option<f64> {
+        self.world.coupling_error(self.joints.get(joint)?.handle?)
     }
 
     /// How often models, bodies and end-effectors were added or removed. As long as this stays the same, an id names the

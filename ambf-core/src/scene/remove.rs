@@ -9,9 +9,9 @@ use ambf_dynamics::assembly::Omission;
 
 use super::attached::Attached;
 use super::list::ObjectList;
-use super::{Bodies, BodyGraph, Joint, ModelInfo, ObjectId, ObjectType, Parent, Scene};
+use super::{Bodies, BodyGraph, Joint, JointCoupling, ModelInfo, ObjectId, ObjectType, Parent, Scene};
 use crate::adf;
-use crate::ids::{BodyId, ModelId};
+use crate::ids::{BodyId, JointId, ModelId};
 
 impl ModelInfo {
     /// Takes the model out of the scene, and forgets what it was made from: a simulator may add and remove models for
@@ -125,7 +125,16 @@ impl Scene {
                 self.world.remove_constraint(handle);
             }
         }
-        let Self { redundant_loops, joints, world, .. } = self;
+        let Self { redundant_loops, followers, joints, world, .. } = self;
+        let removed: BTreeSet<JointId> =
+            joints.entries().filter(|(_, joint)| joint.removed).map(|(id, _)| id).collect();
+        for (id, joint) in joints.entries_mut() {
+            let leads = |coupling: &JointCoupling| coupling.leaders.iter().any(|(leader, _)| removed.contains(leader));
+            if removed.contains(&id) || joint.coupling.as_ref().is_some_and(leads) {
+                joint.coupling = None;
+            }
+        }
+        followers.retain(|&follower| joints[follower].coupling.is_some());
         redundant_loops.retain(|members| {
             let is_whole = !members.iter().any(|&joint| joints[joint].removed);
             if !is_whole {

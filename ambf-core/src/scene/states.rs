@@ -16,7 +16,8 @@ use crate::ids::{BodyId, JointId, Table};
 /// coordinate and rate, and every root its pose and velocity, unless they are set.
 #[derive(Debug, Clone, Default)]
 pub struct StateChange {
-    /// Coordinates of joints, rad or m. Those that follow from others, because they close a loop, are checked only.
+    /// Coordinates of joints, rad or m. Those that follow from others, because they are coupled to them or close a loop, are checked
+    /// only; coupled ones follow.
     pub positions: Vec<(JointId, f64)>,
     /// Rates of joints, rad/s or m/s.
     pub rates: Vec<(JointId, f64)>,
@@ -36,8 +37,8 @@ pub enum SetStateError {
         /// Name of the body or joint.
         of: String,
     },
-    /// Error when a joint that follows from others, because it closes a loop or has no coordinate, would not have the coordinate
-    /// that it was to have.
+    /// Error when a joint that follows from others, because it is coupled to them, closes a loop or has no coordinate, would not have
+    /// the coordinate that it was to have.
     #[error("joint {joint} follows from others: its coordinate would be {found}, not {value}")]
     Follows {
         /// Its name.
@@ -137,6 +138,7 @@ impl Scene {
                 wanted[id].rate = Some(rate);
             }
         }
+        self.follow(&before, &mut wanted)?;
         for &(id, pose) in &change.poses {
             let numbers = pose.translation.vector.iter().chain(pose.rotation.coords.iter());
             self.check_root(&tree, id, "pose", numbers.copied().all(f64::is_finite))?;
@@ -167,6 +169,7 @@ impl Scene {
             }
         }
         self.check_loops(&tree, &before, &after)?;
+        self.check_couplings(&after)?;
         for (id, position) in following {
             let joint = &self.joints[id];
             let found = match (after[joint.parent], after[joint.child]) {
@@ -234,6 +237,69 @@ impl Scene {
             None => return Ok(()),
         };
         Err(SetStateError::NotFree { quantity, body: name(), why })
+    }
+
+    /// Sets what followers have to have where one of their leaders is set. A follower that is set, too, has to have it already.
+    fn follow(
+        &self,
+        before: &Table<BodyId, Option<Motion>>,
+        wanted: &mut Table<JointId, Wanted>,
+    ) -> Result<(), SetStateError> {
+        for &id in &self.followers {
+            let joint = &self.joints[id];
+            let Some(coupling) = &joint.coupling else { continue };
+            let is_set = |of: &dyn Fn(&Wanted) -> bool| coupling.leaders.iter().any(|(leader, _)| of(&wanted[*leader]));
+            let (has_position, has_rate) = (is_set(&|w| w.position.is_some()), is_set(&|w| w.rate.is_some()));
+            let own = wanted[id].position;
+            if has_position || own.is_some() {
+                let found = coupling.asked(|id| wanted[id].position.unwrap_or(self.joints[id].position));
+                let value = own.unwrap_or(found);
+                let apart = self.apart(joint, value, found);
+                if apart.abs() > MAX_GAP {
+                    return Err(SetStateError::Follows { joint: joint.name.clone(), value, found });
+                }
+                wanted[id].position = Some(value + apart);
+            }
+            if has_rate {
+                let rate_of = |id: JointId| {
+                    let joint = &self.joints[id];
+                    let motions = before[joint.parent].zip(before[joint.child]);
+                    wanted[id].rate.unwrap_or_else(|| motions.map_or(0.0, |(a, b)| rate(joint, &a, &b)))
+                };
+                wanted[id].rate = Some(coupling.asked(rate_of) - coupling.offset);
+            }
+        }
+        Ok(())
+    }
+
+    /// Coupled joints that close loops must fit together, too.
+    fn check_couplings(&self, after: &Table<BodyId, Option<Motion>>) -> Result<(), SetStateError> {
+        let present = |id: JointId| self.joints[id].position;
+        let position = |id: JointId| {
+            let joint = &self.joints[id];
+            let motions = after[joint.parent].zip(after[joint.child]);
+            motions.map_or(joint.position, |(parent, child)| coordinate(joint, &parent, &child))
+        };
+        for &id in &self.followers {
+            let joint = &self.joints[id];
+            let Some(coupling) = &joint.coupling else { continue };
+            let apart = |position: &dyn Fn(JointId) -> f64| self.apart(joint, position(id), coupling.asked(position));
+            if apart(&position).abs() > apart(&present).abs() + MAX_GAP {
+                let (value, found) = (position(id), coupling.asked(position));
+                return Err(SetStateError::Follows { joint: joint.name.clone(), value, found });
+            }
+        }
+        Ok(())
+    }
+
+    /// By how much the coordinate of a follower is not what is asked of it, rad or m: coordinates are known up to whole turns.
+    fn apart(&self, follower: &Joint, position: f64, asked: f64) -> f64 {
+        let leaders = follower.coupling.iter().flat_map(|coupling| &coupling.leaders);
+        let turns =
+            leaders.filter(|(leader, _)| self.joints[*leader].joint_type.is_angular()).map(|(_, ratio)| TAU * ratio);
+        let own = follower.joint_type.is_angular().then_some(TAU);
+        let turns = turns.chain(own).filter(|turn| *turn != 0.0);
+        turns.fold(asked - position, |apart, turn| apart - turn * (apart / turn).round())
     }
 
     /// Joints that close loops must not open.

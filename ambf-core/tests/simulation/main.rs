@@ -5,6 +5,7 @@ mod articulation;
 mod assembly;
 mod bad_scenes_limits;
 mod budgets;
+mod couplings;
 mod energy;
 mod energy_scenes;
 mod joint_drives;

@@ -123,6 +123,30 @@ fn a_moment_of_zero_leaves_the_two_others() {
 }
 
 #[test]
+fn rotors_resist_acceleration_in_both_formats() {
+    // 0.01 kg·m² of the link and 0.03 kg·m² of the rotor.
+    let urdf = turntable(0.01, "continuous", "<dynamics armature='0.03'/>");
+    let adf = "bodies: [BODY base, BODY a]\njoints: [JOINT j]\nBODY base: {name: world, mass: 0}\nBODY a: {name: a, mass: 1, \
+               inertia: {ix: 0.01, iy: 0.01, iz: 0.01}}\nJOINT j: {name: j, type: revolute, parent: BODY base, child: BODY a, \
+               parent axis: {x: 0, y: 0, z: 1}, child axis: {x: 0, y: 0, z: 1}, parent pivot: {x: 0, y: 0, z: 0}, \
+               child pivot: {x: 0, y: 0, z: 0}, drive train: {armature: 0.03}}\n";
+    let rows = "physics: {articulated: false}\n";
+    for profile in PROFILES {
+        for model in [urdf.as_str(), adf] {
+            for world in [WEIGHTLESS.to_owned(), format!("{WEIGHTLESS}{rows}")] {
+                let mut bench = bench(profile, &world, &[model]);
+                bench.command("world", 0, Effort, 1.0, 100);
+                // In `accurate` forces act on bodies with constraints for half of the first sub-step.
+                close(spin(&bench) / 0.1, 25.0, 0.3);
+                let before = spin(&bench);
+                bench.command("world", 0, Effort, 0.0, 100);
+                close(spin(&bench), before, 0.02 * before);
+            }
+        }
+    }
+}
+
+#[test]
 fn efforts_end_at_their_limit_and_damping_takes_speed_away() {
     let light = turntable(1e-5, "continuous", "<limit effort='1e-4'/><dynamics damping='1e-4'/>");
     let heavy = turntable(0.02, "continuous", "<dynamics damping='0.05'/>");

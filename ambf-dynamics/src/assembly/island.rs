@@ -3,8 +3,8 @@
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 
 use super::factor::Factor;
-use super::rows::{admissible, rows, Demand, Row};
-use super::{Body, Joint};
+use super::rows::{admissible, coordinate, coupling_error, rows, Demand, Row};
+use super::{Body, Coupling, Joint};
 
 /// Relative damping ε of the first steps: it leaves alone what hardly changes the errors, such as the one soft motion
 /// of a loop whose hinges are nearly parallel, and closes all else at a rate of about ε a step (iterated Tikhonov
@@ -47,8 +47,15 @@ const MIN_MOMENT: f64 = 1e-3;
 /// the file did not mean seriously, would turn wildly to save a little translation.
 const MIN_GYRATION: f64 = 0.05;
 
-/// Groups of joints that movable bodies connect; joints without a movable body are in none.
-pub(super) fn partition(bodies: &[Body], joints: &[Joint]) -> Vec<Vec<usize>> {
+/// Joints and couplings of an island, by index.
+#[derive(Default)]
+pub(super) struct Parts {
+    pub joints: Vec<usize>,
+    pub couplings: Vec<usize>,
+}
+
+/// Groups of joints that movable bodies and couplings connect; joints without a movable body are in none.
+pub(super) fn partition(bodies: &[Body], joints: &[Joint], couplings: &[Coupling]) -> Vec<Parts> {
     let mut parents: Vec<usize> = (0..bodies.len()).collect();
     fn root(parents: &mut [usize], mut body: usize) -> usize {
         while parents[body] != body {
@@ -64,18 +71,50 @@ pub(super) fn partition(bodies: &[Body], joints: &[Joint]) -> Vec<Vec<usize>> {
             parents[b] = a;
         }
     }
-    let mut islands: Vec<Vec<usize>> = Vec::new();
+    let moved = |joint: usize| joints[joint].bodies.into_iter().find(|&body| bodies[body].movable);
+    let moved_by = |coupling: &Coupling| joints_of(coupling).find_map(moved);
+    for coupling in couplings {
+        let Some(first) = moved_by(coupling) else { continue };
+        for other in joints_of(coupling).filter_map(moved) {
+            let (a, b) = (root(&mut parents, first), root(&mut parents, other));
+            parents[b] = a;
+        }
+    }
+    let mut islands: Vec<Parts> = Vec::new();
     let mut island_of = vec![usize::MAX; bodies.len()];
-    for (index, joint) in joints.iter().enumerate() {
-        let Some(body) = joint.bodies.into_iter().find(|&body| bodies[body].movable) else { continue };
+    for index in 0..joints.len() {
+        let Some(body) = moved(index) else { continue };
         let root = root(&mut parents, body);
         if island_of[root] == usize::MAX {
             island_of[root] = islands.len();
-            islands.push(Vec::new());
+            islands.push(Parts::default());
         }
-        islands[island_of[root]].push(index);
+        islands[island_of[root]].joints.push(index);
+    }
+    for (index, coupling) in couplings.iter().enumerate() {
+        if let Some(body) = moved_by(coupling) {
+            islands[island_of[root(&mut parents, body)]].couplings.push(index);
+        }
     }
     islands
+}
+
+/// The joints of a coupling, the follower first.
+fn joints_of(coupling: &Coupling) -> impl Iterator<Item = usize> + '_ {
+    std::iter::once(coupling.follower).chain(coupling.leaders.iter().map(|&(joint, _)| joint))
+}
+
+/// A coupling of an island.
+struct Tie<'a> {
+    coupling: &'a Coupling,
+    /// Its joints, the follower first, each with the factor of its coordinate in the error and the places of its bodies.
+    joints: Vec<(&'a Joint, f64, [usize; 2])>,
+    /// Nodes of its bodies that move, and the index of the coupling of each in the factor.
+    nodes: Vec<(usize, usize)>,
+    /// m or rad.
+    error: f64,
+    /// Effective inverse mass at the poses of the file, 1/kg or 1/(kg·m²).
+    compliance: f64,
 }
 
 /// A joint of an island.
@@ -140,6 +179,7 @@ pub(super) struct Island<'a> {
     /// Diagonal of M by node, principal axes, kg and kg·m²; 0 in place of a moment about which the body doesn't turn.
     masses: Vec<Vector6<f64>>,
     members: Vec<Member<'a>>,
+    ties: Vec<Tie<'a>>,
     factor: Factor,
     /// Poses of all bodies that the joints name: of the nodes, then of the others.
     poses: Vec<Isometry3<f64>>,
@@ -154,8 +194,17 @@ pub(super) struct Island<'a> {
 
 impl<'a> Island<'a> {
     /// `None` where its joints are too entangled for a factorisation.
-    pub fn new(bodies: &[Body], joints: &'a [Joint], joints_of: Vec<usize>) -> Option<Self> {
-        let named = || joints_of.iter().flat_map(|&joint| joints[joint].bodies);
+    pub fn new(
+        bodies: &[Body],
+        joints: &'a [Joint],
+        couplings: &'a [Coupling],
+        joints_of: Vec<usize>,
+        couplings_of: Vec<usize>,
+    ) -> Option<Self> {
+        let tied = couplings_of.iter().flat_map(|&coupling| self::joints_of(&couplings[coupling]));
+        // Joints between bodies that do not move are in no island, and may be coupled.
+        let named: Vec<usize> = joints_of.iter().copied().chain(tied).collect();
+        let named = || named.iter().flat_map(|&joint| joints[joint].bodies);
         let distinct = |movable: bool| {
             let mut list: Vec<usize> = named().filter(|&body| bodies[body].movable == movable).collect();
             list.sort_unstable();
@@ -169,7 +218,7 @@ impl<'a> Island<'a> {
             Err(_) => nodes.len() + fixed.binary_search(&body).unwrap_or_default(),
         };
         let places: Vec<[usize; 2]> = joints_of.iter().map(|&joint| joints[joint].bodies.map(place)).collect();
-        let mut couplings = Vec::new();
+        let mut edges = Vec::new();
         let mut members = Vec::with_capacity(joints_of.len());
         let mut arms = vec![0.0f64; nodes.len()];
         for (index, (&joint, places)) in joints_of.iter().zip(&places).enumerate() {
@@ -184,20 +233,38 @@ impl<'a> Island<'a> {
             };
             for side in 0..2 {
                 let Some(node) = member.nodes[side] else { continue };
-                member.couplings[side] = couplings.len();
-                couplings.push((node, nodes.len() + index));
+                member.couplings[side] = edges.len();
+                edges.push((node, nodes.len() + index));
                 arms[node] = arms[node].max(joint.frames[side].translation.vector.norm());
             }
             members.push(member);
         }
+        let mut ties = Vec::with_capacity(couplings_of.len());
+        for (index, &coupling) in couplings_of.iter().enumerate() {
+            let coupling = &couplings[coupling];
+            let factors = std::iter::once(1.0).chain(coupling.leaders.iter().map(|&(_, ratio)| -ratio));
+            let joints: Vec<_> = self::joints_of(coupling)
+                .zip(factors)
+                .map(|(joint, factor)| (&joints[joint], factor, joints[joint].bodies.map(place)))
+                .collect();
+            let mut moved: Vec<usize> =
+                joints.iter().flat_map(|(_, _, places)| *places).filter(|&place| place < nodes.len()).collect();
+            moved.sort_unstable();
+            moved.dedup();
+            let first = edges.len();
+            edges.extend(moved.iter().map(|&node| (node, nodes.len() + joints_of.len() + index)));
+            let nodes = moved.into_iter().zip(first..).collect();
+            ties.push(Tie { coupling, joints, nodes, error: 0.0, compliance: 1.0 });
+        }
         let masses: Vec<_> = nodes.iter().zip(arms).map(|(&body, arm)| generalised_mass(&bodies[body], arm)).collect();
         let size = poses.iter().map(|pose| pose.translation.vector.amax()).fold(1.0, f64::max);
         let mut island = Self {
-            values: vec![Vector6::zeros(); nodes.len() + members.len()],
-            factor: Factor::new(nodes.len(), members.len(), &couplings)?,
+            values: vec![Vector6::zeros(); nodes.len() + members.len() + ties.len()],
+            factor: Factor::new(nodes.len(), members.len() + ties.len(), &edges)?,
             bodies: nodes,
             masses,
             members,
+            ties,
             file: poses.clone(),
             poses,
             places,
@@ -237,11 +304,41 @@ impl<'a> Island<'a> {
             }
             self.members[index].compliance = compliance;
         }
+        for index in 0..self.ties.len() {
+            let tie = &self.ties[index];
+            let of = |&(node, _): &(usize, usize)| -> f64 {
+                let (row, masses) = (self.tie_row(tie, node), &self.masses[node]);
+                row.iter().zip(masses).filter(|(_, mass)| **mass > 0.0).map(|(value, mass)| value * value / mass).sum()
+            };
+            let compliance = tie.nodes.iter().map(of).sum();
+            self.ties[index].compliance = compliance;
+            most = most.max(compliance);
+        }
         // Rows that nothing can change.
         let least = if most > 0.0 && most.is_finite() { most * 1e-12 } else { 1.0 };
         for member in &mut self.members {
             member.compliance.apply(|value| *value = value.max(least));
         }
+        for tie in &mut self.ties {
+            tie.compliance = tie.compliance.max(least);
+        }
+    }
+
+    /// Derivatives of the error of a coupling by velocity (world axes) and angular velocity (principal axes) of the body of a
+    /// node.
+    fn tie_row(&self, tie: &Tie<'_>, node: usize) -> Vector6<f64> {
+        let mut twist = Vector6::zeros();
+        for (joint, factor, places) in &tie.joints {
+            let row = coordinate(joint, &places.map(|place| self.poses[place]));
+            for side in (0..2).filter(|&side| places[side] == node) {
+                twist += row.jacobians[side] * *factor;
+            }
+        }
+        let turn = self.poses[node].rotation.inverse() * twist.fixed_rows::<3>(3).into_owned();
+        for axis in 0..3 {
+            twist[3 + axis] = if self.masses[node][3 + axis] > 0.0 { turn[axis] } else { 0.0 };
+        }
+        twist
     }
 
     /// Derivatives of a joint's rows by velocity (world axes) and angular velocity (principal axes) of one of its
@@ -270,6 +367,17 @@ impl<'a> Island<'a> {
             let (part, error) = member.objective();
             sum += part;
             worst = worst.max(error);
+        }
+        for tie in &mut self.ties {
+            let row = |index: usize| {
+                let (joint, _, places) = &tie.joints[index];
+                coordinate(joint, &places.map(|place| self.poses[place]))
+            };
+            let leaders =
+                tie.coupling.leaders.iter().enumerate().map(|(index, &(_, ratio))| (row(index + 1).value, ratio));
+            tie.error = coupling_error(&row(0), leaders, tie.coupling.offset);
+            sum += 0.5 * tie.error * tie.error / tie.compliance;
+            worst = worst.max(tie.error.abs());
         }
         (sum, worst)
     }
@@ -486,6 +594,17 @@ impl<'a> Island<'a> {
             self.factor.diagonal[n + index] = Matrix6::from_diagonal(&(compliance * -damping));
             self.values[n + index] = Vector6::from_fn(|row, _| -errors[row].unwrap_or(0.0));
         }
+        let first_tie = n + self.members.len();
+        for (index, tie) in self.ties.iter().enumerate() {
+            for &(node, edge) in &tie.nodes {
+                let mut jacobian = Matrix6::zeros();
+                jacobian.set_row(0, &self.tie_row(tie, node).transpose());
+                self.factor.couple(edge, &jacobian);
+            }
+            // Of six rows one is in use.
+            self.factor.diagonal[first_tie + index] = Matrix6::from_diagonal_element(-damping * tie.compliance);
+            self.values[first_tie + index] = Vector6::new(-tie.error, 0.0, 0.0, 0.0, 0.0, 0.0);
+        }
         self.factor.factor()?;
         self.factor.solve(&mut self.values);
         let turn = |value: &Vector6<f64>| Vector3::new(value[3], value[4], value[5]);
@@ -502,8 +621,10 @@ impl<'a> Island<'a> {
             let turned = pose.rotation.into_inner() * UnitQuaternion::from_scaled_axis(turn(&value)).into_inner();
             *pose = Isometry3::from_parts(Translation3::from(moved), UnitQuaternion::new_normalize(turned));
         }
-        let mut predicted = 0.0;
-        for (member, multipliers) in self.members.iter_mut().zip(&self.values[n..]) {
+        let multipliers = self.values[first_tie..].iter().map(|value| value[0]);
+        let of_tie = |(tie, multiplier): (&Tie<'_>, f64)| 0.5 * (damping * multiplier).powi(2) * tie.compliance;
+        let mut predicted: f64 = self.ties.iter().zip(multipliers).map(of_tie).sum();
+        for (member, multipliers) in self.members.iter_mut().zip(&self.values[n..first_tie]) {
             // g + J Δ = ε D λ
             predicted += 0.5 * damping * damping * member.compliance.dot(&multipliers.map(|value| value * value));
             for row in 0..6 {

@@ -172,11 +172,32 @@ impl Omission {
 /// # Panics
 /// When a joint names a body that does not exist.
 pub fn assemble(bodies: &mut [Body], joints: &[Joint]) -> bool {
-    let islands = island::partition(bodies, joints);
+    assemble_coupled(bodies, joints, &[])
+}
+
+/// [`assemble`], where joints are coupled, too.
+///
+/// # Panics
+/// When a joint names a body, or a coupling a joint, that does not exist; when a coupling names a joint without a coordinate.
+pub fn assemble_coupled(bodies: &mut [Body], joints: &[Joint], couplings: &[Coupling]) -> bool {
+    let islands = island::partition(bodies, joints, couplings);
     let mut closed = true;
-    for joints_of in islands {
-        let island = island::Island::new(bodies, joints, joints_of);
+    for island::Parts { joints: joints_of, couplings: couplings_of } in islands {
+        let island = island::Island::new(bodies, joints, couplings, joints_of, couplings_of);
         closed &= island.is_some_and(|island| island.solve(bodies));
     }
     closed
+}
+
+/// A linear equation between the coordinates of joints of the kinds [`Revolute`](Kind::Revolute) and
+/// [`Prismatic`](Kind::Prismatic), rad and m: the coordinate of the first, the follower, is the sum of those of the others,
+/// each times its ratio, plus the offset.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Coupling {
+    /// Index of the joint that follows.
+    pub follower: usize,
+    /// Indices of the joints that it follows, and the rate of the follower over that of each.
+    pub leaders: Vec<(usize, f64)>,
+    /// rad or m.
+    pub offset: f64,
 }

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use nalgebra::{DVector, Isometry3, Matrix3, SymmetricEigen, UnitQuaternion, Vector3};
 
-use super::island::{partition, Island};
+use super::island::{partition, Island, Parts};
 use super::rows::{rows, Gap, Row};
 use super::{Body, Joint, Kind, Omission, Range};
 
@@ -68,7 +68,7 @@ pub struct Loops {
 /// four times what was found, at least 0.01 and at most 0.02 rad, or of the lever arm.
 pub fn omit_redundant_rows(bodies: &[Body], joints: &mut [Joint]) -> Vec<Loops> {
     let mut all = Vec::new();
-    for joints_of in partition(bodies, joints) {
+    for Parts { joints: joints_of, .. } in partition(bodies, joints, &[]) {
         let in_loops = joints_of_loops(bodies, joints, joints_of);
         let Some(mechanism) = Mechanism::new(bodies, joints, &in_loops) else { continue };
         let mut omitted = Vec::new();
@@ -389,7 +389,7 @@ impl Mechanism {
                 body.pose.translation.vector = poses[index].translation.vector + shift;
                 body.pose.rotation = UnitQuaternion::from_scaled_axis(turn) * poses[index].rotation;
             }
-            Island::new(&bodies, &joints, (0..joints.len()).collect())?.solve(&mut bodies);
+            Island::new(&bodies, &joints, &[], (0..joints.len()).collect(), Vec::new())?.solve(&mut bodies);
             let closed = joints
                 .iter()
                 .enumerate()

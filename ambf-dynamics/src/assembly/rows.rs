@@ -87,6 +87,29 @@ pub fn gap(joint: &Joint, bodies: &[Body]) -> Gap {
     gap
 }
 
+/// The row of the coordinate that a joint leaves free, with its derivatives.
+///
+/// # Panics
+/// When the joint is neither revolute nor prismatic.
+pub(super) fn coordinate(joint: &Joint, poses: &[Isometry3<f64>; 2]) -> Row {
+    let rows = rows(joint, poses);
+    match joint.kind {
+        Kind::Revolute(_) => rows[5],
+        Kind::Prismatic(_) => rows[0],
+        _ => panic!("a joint without a single coordinate is coupled"),
+    }
+}
+
+/// The error of a coupling of `own`, the row of the follower, to `others` with their ratios: an angle counts up to whole turns.
+pub(super) fn coupling_error(own: &Row, others: impl Iterator<Item = (f64, f64)>, offset: f64) -> f64 {
+    let error = own.value - others.map(|(value, ratio)| value * ratio).sum::<f64>() - offset;
+    if own.angular {
+        wrap(error)
+    } else {
+        error
+    }
+}
+
 /// Position of the joint frames and what is needed for rows.
 struct Frames {
     /// World poses of the joint frames on A and B.

@@ -4,7 +4,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::{assemble, gap, omit_redundant_rows, Body, Joint, Kind, Omission, Range};
+use super::{assemble, assemble_coupled, gap, omit_redundant_rows, Body, Coupling, Joint, Kind, Omission, Range};
 
 /// Largest error of a closed joint, m and rad.
 const CLOSED: f64 = 1e-12;
@@ -28,6 +28,51 @@ fn ground() -> Body {
 
 fn joint(kind: Kind, bodies: [usize; 2], frames: [Isometry3<f64>; 2]) -> Joint {
     Joint { kind, bodies, frames, omission: Omission::NONE }
+}
+
+/// Whatever errors couplings have, m and rad.
+fn coupling_errors(bodies: &[Body], joints: &[Joint], couplings: &[Coupling]) -> f64 {
+    let q = |index: usize| {
+        let Joint { kind, bodies: of, frames, .. } = &joints[index];
+        let between = (bodies[of[0]].pose * frames[0]).inverse() * bodies[of[1]].pose * frames[1];
+        if matches!(kind, Kind::Revolute(_)) {
+            between.rotation.scaled_axis().z
+        } else {
+            between.translation.x
+        }
+    };
+    let error = |coupling: &Coupling| {
+        q(coupling.follower)
+            - coupling.leaders.iter().map(|&(joint, ratio)| ratio * q(joint)).sum::<f64>()
+            - coupling.offset
+    };
+    couplings.iter().map(|coupling| error(coupling).abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn coupled_joints_are_closed_with_the_least_motion() {
+    // A screw and a differential on the ground; the loop of a parallelogram whose cranks are coupled is closed, too.
+    let slide = Kind::Prismatic(Range::FREE);
+    let on = |body: usize, kind: Kind, y: f64| joint(kind, [0, body], [at(0.0, y, 0.0), Isometry3::identity()]);
+    let couplings = [
+        Coupling { follower: 1, leaders: vec![(0, 0.1)], offset: 0.2 },
+        Coupling { follower: 2, leaders: vec![(0, 0.5), (1, -2.0)], offset: 0.0 },
+    ];
+    let joints = [on(1, HINGE, 0.0), on(2, slide, 1.0), on(3, HINGE, 2.0)];
+    let mut bodies = vec![ground(), rod(turned(Vector3::z() * 0.3)), rod(at(0.1, 1.0, 0.0)), rod(at(0.0, 2.0, 0.0))];
+    assert!(assemble_coupled(&mut bodies, &joints, &couplings));
+    all_closed(&joints, &bodies);
+    assert!(coupling_errors(&bodies, &joints, &couplings) < CLOSED);
+    // All three give way.
+    assert!((bodies[1].pose.rotation.angle() - 0.3).abs() > 1e-3 && (bodies[2].pose.translation.x - 0.1).abs() > 1e-3);
+    let closed = bodies.clone();
+    assert!(assemble_coupled(&mut bodies, &joints, &couplings));
+    assert_eq!(bodies, closed, "closed ones keep every bit");
+
+    // Two couplings of one joint contradict each other.
+    let other = Coupling { offset: 0.3, ..couplings[0].clone() };
+    assert!(!assemble_coupled(&mut bodies, &joints, &[couplings[0].clone(), other]));
+    all_closed(&joints, &bodies);
 }
 
 const HINGE: Kind = Kind::Revolute(Range::FREE);

@@ -4,6 +4,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::common::Common;
 use super::controller::{Controller, ControllerOutput, Gains};
+use super::coupling::Coupling;
 use super::reader::{Map, Range};
 use super::report::ProblemKind;
 use super::values::Base;
@@ -44,7 +45,8 @@ pub struct Joint {
     pub enable_motor: bool,
     /// Wrench and effort estimation. Default: `false`.
     pub enable_feedback: bool,
-    /// Largest motor impulse per 1 ms step for velocity control, N·m·s or N·s, not negative. Default: 0.1.
+    /// Largest motor impulse per 1 ms step for velocity control, N·m·s or N·s, not negative. Default: that of the largest effort
+    /// of the drive train, or else 0.1.
     pub max_motor_impulse: f64,
     /// Damping of a one-dof spring, N·m·s/rad or N·s/m; other one-dof joints have no use for it. Default: 0.
     pub damping: f64,
@@ -63,9 +65,11 @@ pub struct Joint {
     pub assemble: bool,
     /// Joint controller. Default output: force with key `controller`, velocity without it.
     pub controller: Controller,
-    /// What a hinge or slider loses, and what its drive can do at most. Default, and in every ADF file: nothing is lost or
-    /// bounded.
+    /// What a hinge or slider loses, and what its drive can do at most. Not known to the C++ program. Default: nothing is lost
+    /// or bounded.
     pub drive_train: DriveTrain,
+    /// What a hinge or slider follows; `None`: it moves on its own. Not known to the C++ program. Default: `None`.
+    pub coupling: Option<Coupling>,
 }
 
 /// What a hinge or slider loses, and what its drive can do at most.
@@ -73,6 +77,9 @@ pub struct Joint {
 pub struct DriveTrain {
     /// Viscous damping, N·m·s/rad or N·s/m, not negative: effort = −damping · rate. Default: 0.
     pub damping: f64,
+    /// Inertia of its rotor as the joint has it, that is times the square of the gear ratio, kg·m² or kg, not negative:
+    /// effort = −armature · acceleration. Default: 0.
+    pub armature: f64,
     /// Dry friction, N·m or N, not negative: the largest effort that holds the joint, and the effort against its motion.
     /// Default: 0.
     pub friction: f64,
@@ -206,6 +213,7 @@ impl Joint {
         };
         let one_dof = kind.is_one_dof();
         let scalar = |key, range| one_dof.then(|| map.real_in(key, range)).flatten();
+        let drive_train = DriveTrain::read(map, &kind);
         let old_offset = map.real("offset");
         if old_offset.is_some() {
             map.ignore(&["child offset"], "`offset` is used");
@@ -225,7 +233,9 @@ impl Joint {
             // The original takes the value of `enable feedback` here, which no author of a file can have meant.
             enable_motor: map.boolean_or_digit("enable motor").unwrap_or(true),
             enable_feedback: map.boolean("enable feedback").unwrap_or(false),
-            max_motor_impulse: map.real_in("max motor impulse", Range::NotNegative).unwrap_or(0.1),
+            max_motor_impulse: map
+                .real_in("max motor impulse", Range::NotNegative)
+                .unwrap_or_else(|| drive_train.max_effort.map_or(0.1, |effort| effort * IMPULSE_STEP)),
             damping: scalar("damping", Range::Any).unwrap_or(0.0),
             stiffness: scalar("stiffness", Range::Any).unwrap_or(0.0),
             equilibrium_point: scalar("equilibrium point", Range::Any),
@@ -234,12 +244,16 @@ impl Joint {
             ignore_inter_collision: map.boolean("ignore inter-collision").unwrap_or(true),
             assemble: map.boolean("assemble").unwrap_or(true),
             controller,
-            drive_train: DriveTrain::default(),
+            drive_train,
+            coupling: Coupling::read(map),
             kind,
         };
         if !matches!(joint.kind, JointKind::PointToPoint | JointKind::Unknown(_)) {
             map.reject_zero("parent axis", &joint.parent_axis);
             map.reject_zero("child axis", &joint.child_axis);
+        }
+        if joint.kind.has_drive() && joint.damping != 0.0 {
+            map.remark("damping", "only springs have it, here and in the C++ program; that of `drive train` counts");
         }
         let note = "joints have no such property";
         map.ignore(&["detached", "redundant", "origin", "axis"], note);
@@ -263,6 +277,28 @@ impl Joint {
             controller.output = output;
         }
         controller
+    }
+}
+
+impl DriveTrain {
+    /// Reads `drive train` of a hinge or slider.
+    fn read(map: &Map<'_>, kind: &JointKind) -> Self {
+        if !kind.has_drive() {
+            map.ignore(&["drive train"], "only hinges and sliders have one");
+            return Self::default();
+        }
+        let Some(keys) = map.map_opt("drive train") else { return Self::default() };
+        let loss = |key| keys.real_in(key, Range::NotNegative).unwrap_or(0.0);
+        let most = |key| keys.real_in(key, Range::Positive);
+        let drive_train = Self {
+            damping: loss("damping"),
+            armature: loss("armature"),
+            friction: loss("friction"),
+            max_effort: most("max effort"),
+            max_rate: most("max rate"),
+        };
+        keys.finish();
+        drive_train
     }
 }
 
@@ -315,6 +351,11 @@ impl JointKind {
                 Self::Unknown(text)
             }
         }
+    }
+
+    /// Whether it is a hinge or a slider, which drives move.
+    pub(crate) fn has_drive(&self) -> bool {
+        matches!(self, Self::Revolute | Self::Prismatic)
     }
 
     /// True for types whose limits, damping and stiffness are plain numbers, whether or not they have a use for them.
@@ -443,6 +484,32 @@ mod tests {
         let (model, problems) = read::<Model>(&text("type: fixed, controller output type: Force"));
         assert_eq!(model.joints[0].controller.output, ControllerOutput::Force);
         assert_eq!(problems.len(), 1);
+    }
+
+    #[test]
+    fn drive_trains() {
+        let train = "drive train: {damping: 0.1, armature: 0.02, friction: 0.3, max effort: 5, max rate: 2}";
+        let j = joint(&format!("type: hinge, {train}"));
+        let expected =
+            DriveTrain { damping: 0.1, armature: 0.02, friction: 0.3, max_effort: Some(5.0), max_rate: Some(2.0) };
+        assert_eq!((j.drive_train, j.max_motor_impulse), (expected, 0.005));
+        assert_eq!(joint(&format!("type: slider, max motor impulse: 1, {train}")).max_motor_impulse, 1.0);
+        assert_eq!(joint("type: hinge").drive_train, DriveTrain::default());
+        let (model, problems) = read::<Model>(&text(&format!("type: fixed, {train}")));
+        assert_eq!(model.joints[0].drive_train, DriveTrain::default());
+        assert!(
+            problems[0].contains("`J / drive train` is not used; only hinges and sliders have one"),
+            "{problems:?}"
+        );
+        for (key, value) in [("armature", "-1"), ("max effort", "0"), ("friction", ".inf")] {
+            let (model, problems) = read::<Model>(&text(&format!("type: hinge, drive train: {{{key}: {value}}}")));
+            assert!(
+                model.joints.is_empty() && problems[0].contains(&format!("`J / drive train / {key}`")),
+                "{problems:?}"
+            );
+        }
+        let (_, problems) = read::<Model>(&text("type: hinge, damping: 0.1"));
+        assert!(problems[0].contains("info: `J / damping` is not used; only springs have it"), "{problems:?}");
     }
 
     #[test]

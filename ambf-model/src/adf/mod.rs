@@ -9,6 +9,7 @@ mod camera;
 mod color;
 mod common;
 mod controller;
+mod coupling;
 mod device;
 mod geometry;
 mod ghost;
@@ -44,6 +45,8 @@ pub use camera::{Camera, DepthNoise, Intrinsics, MouseMultipliers, PublishedFram
 pub use color::ColorTable;
 pub use common::{Common, Material, PhysicalMaterial, PluginEntry, ShaderProgram, SourcePos};
 pub use controller::{CartesianController, Controller, ControllerOutput, Gains};
+pub use coupling::{followers, Coupling, Leader, MAX_LEADERS};
+pub(crate) use coupling::{ordered, Coupled};
 pub use device::{ButtonMapping, HapticGain, InputDevice, InputDevices};
 pub use geometry::{
     Axis, CollisionGeometry, CollisionMeshKind, ConvexDecomposition, Part, PartGeometry, PlacedPrimitive, Primitive,

@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use super::body::RigidBody;
 use super::camera::Camera;
 use super::common::{PluginEntry, ShaderProgram};
+use super::coupling;
 use super::ghost::GhostObject;
 use super::joint::Joint;
 use super::light::Light;
@@ -132,6 +133,12 @@ pub struct Model {
 }
 
 impl Model {
+    /// Whether joints in reduced coordinates hold in every profile where constraints between bodies would give way: links without
+    /// a mass carry others, or joints are coupled.
+    pub fn wants_reduced_coordinates(&self) -> bool {
+        self.has_massless_links || self.joints.iter().any(|joint| joint.coupling.is_some())
+    }
+
     /// Names and file without anything else: what is kept of a model that was taken out of a scene.
     pub fn outline(&self) -> Self {
         Self::empty(self.name.clone(), self.namespace.clone(), Arc::clone(&self.file))
@@ -142,7 +149,7 @@ impl Model {
         let file = root.reader().file().clone();
         let name = file.file_name().unwrap_or_default();
         let (made, dropped) = (Absent::Made("an unnamed body of 1 kg without a shape is made"), Absent::Dropped);
-        let model = Self {
+        let mut model = Self {
             name: name.to_string_lossy().into_owned(),
             bodies: ObjectType::Body.read(root, made, |map| RigidBody::read(map, &base)),
             soft_bodies: ObjectType::SoftBody.read(root, dropped, |map| SoftBody::read(map, &base)),
@@ -163,6 +170,7 @@ impl Model {
             namespace: base.namespace,
             file,
         };
+        coupling::check(root, &mut model.joints);
         root.ignore(&["joint erp", "joint cfm"], "only those of each joint count");
         root.finish_root();
         model

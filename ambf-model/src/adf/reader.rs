@@ -374,6 +374,12 @@ impl<'m> Map<'m> {
         }
     }
 
+    /// Says that a key which is read has no effect here; `why` completes "is not used; …".
+    pub(super) fn remark(&self, key: &str, why: &str) {
+        let (found, place) = (self.found(key), self.place(key));
+        self.note(Severity::Info, ProblemKind::IgnoredKey, place, key, &found, "", why);
+    }
+
     /// Keys that were not read, without duplicates.
     pub(super) fn unread_keys(&self) -> Vec<&'m str> {
         let entries = self.entries.iter().zip(&self.read);

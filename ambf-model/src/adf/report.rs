@@ -178,6 +178,11 @@ impl Report {
         self.counts[Severity::Error as usize] + self.counts[Severity::Fatal as usize]
     }
 
+    /// Number of problems, remarks included, that are counted and not listed, because there are too many.
+    pub fn unlisted(&self) -> usize {
+        self.counts.iter().sum::<usize>() - self.problems.len()
+    }
+
     /// True when nothing was found.
     pub fn is_empty(&self) -> bool {
         self.counts == [0; 4]
@@ -211,7 +216,7 @@ impl Report {
     }
 
     fn write_rest(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let rest = self.counts.iter().sum::<usize>() - self.problems.len();
+        let rest = self.unlisted();
         if rest > 0 {
             writeln!(f, "{rest} further problems are not listed")?;
         }

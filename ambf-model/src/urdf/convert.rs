@@ -153,6 +153,7 @@ pub(super) fn joints(links: &[String], places: &[Place], joints: &[Joint<'_>], n
                 enable_feedback: false,
                 max_motor_impulse: joint.motor_impulse(),
                 drive_train: joint.drive_train,
+                coupling: joint.coupling(),
                 damping: 0.0,
                 stiffness: 0.0,
                 equilibrium_point: None,

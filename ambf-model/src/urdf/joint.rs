@@ -5,7 +5,9 @@ use std::collections::HashMap;
 use nalgebra::{Isometry3, Vector3};
 
 use super::xml::{quoted, Element};
-use crate::adf::{DriveTrain, JointKind, Limits, ProblemKind, SixDofLimits, IMPULSE_STEP};
+use crate::adf::{
+    ordered, Coupled, Coupling, DriveTrain, JointKind, Leader, Limits, ProblemKind, SixDofLimits, IMPULSE_STEP,
+};
 
 /// A joint as written, with the links it joins.
 #[derive(Clone)]
@@ -23,8 +25,23 @@ pub(super) struct Joint<'a> {
     pub axis: Vector3<f64>,
     /// Range of the coordinate; `None`: unlimited.
     pub limits: Option<Limits>,
-    /// Damping, friction, largest effort and largest rate.
+    /// Damping, friction, armature, largest effort and largest rate.
     pub drive_train: DriveTrain,
+    /// What it follows.
+    pub mimic: Option<Mimic<'a>>,
+    /// Position at which the joint starts, rad or m: see [`couple`].
+    pub start: f64,
+}
+
+/// That a joint follows another one: position = ratio · that of the leader + offset.
+#[derive(Clone)]
+pub(super) struct Mimic<'a> {
+    pub element: Element<'a>,
+    /// Name of the leader.
+    pub leader: &'a str,
+    pub ratio: f64,
+    /// rad or m.
+    pub offset: f64,
 }
 
 /// Types of joints.
@@ -75,10 +92,8 @@ impl<'a> Joint<'a> {
         };
         let (parent, child) = (link("parent"), link("child"));
         let (limits, max_effort, max_rate) = limits(&element, kind);
-        if let Some(mimic) = element.child("mimic") {
-            mimic.ignored("", "the joint moves on its own");
-        }
-        let [damping, friction] = losses(&element, kind);
+        let mimic = element.child("mimic").map(Mimic::read);
+        let [damping, friction, armature] = losses(&element, kind);
         Some(Self {
             name,
             element,
@@ -88,13 +103,17 @@ impl<'a> Joint<'a> {
             origin: element.origin(),
             axis: axis(&element, kind),
             limits,
-            drive_train: DriveTrain { damping, friction, max_effort, max_rate },
+            drive_train: DriveTrain { damping, armature, friction, max_effort, max_rate },
+            mimic,
+            start: 0.0,
         })
     }
 
-    /// Position at which the joint starts: zero, or the limit next to it.
-    pub fn start(&self) -> f64 {
-        self.limits.map_or(0.0, |limits| 0.0_f64.clamp(limits.low, limits.high))
+    /// What it follows, in ADF.
+    pub fn coupling(&self) -> Option<Coupling> {
+        let Mimic { leader, ratio, offset, .. } = self.mimic.as_ref()?;
+        let leaders = vec![Leader { joint: identifier(leader), ratio: *ratio }];
+        Some(Coupling { leaders, offset: *offset })
     }
 
     /// Pose of the child's frame in the parent's at joint position `q`, rad or m.
@@ -132,6 +151,90 @@ impl<'a> Joint<'a> {
     /// Largest impulse of the motor, N·m·s or N·s.
     pub fn motor_impulse(&self) -> f64 {
         self.drive_train.max_effort.map_or(MOTOR_IMPULSE, |effort| effort * IMPULSE_STEP)
+    }
+}
+
+/// Identifier of a joint in ADF.
+pub(super) fn identifier(name: &str) -> String {
+    format!("JOINT {name}")
+}
+
+impl<'a> Mimic<'a> {
+    fn read(element: Element<'a>) -> Self {
+        element.finish(&["joint", "multiplier", "offset"], &[]);
+        let leader = element.need_name("joint", "the name of a joint");
+        let ratio = element.real("multiplier").unwrap_or(1.0);
+        Self { element, leader, ratio, offset: element.real("offset").unwrap_or(0.0) }
+    }
+}
+
+/// Takes away what joints cannot follow, with an error, and sets where all joints start: at zero, or at the limit next to it;
+/// what follows, where its leader puts it. A leader starts within the limits of its followers, too, if they leave it a range.
+pub(super) fn couple(joints: &mut [Joint<'_>]) {
+    let described: Vec<Coupled<'_>> = joints
+        .iter()
+        .map(|joint| Coupled {
+            name: joint.name,
+            has_coordinate: joint.kind.is_one_dof(),
+            leaders: joint.mimic.iter().map(|mimic| mimic.leader).collect(),
+        })
+        .collect();
+    let (followers, faults) = ordered(&described);
+    let wrong: Vec<usize> = faults
+        .into_iter()
+        .filter_map(|(index, fault)| {
+            let Mimic { element, leader, .. } = joints[index].mimic.as_ref()?;
+            let action = "the joint moves on its own";
+            element.error(ProblemKind::UnknownValue, "joint", &quoted(leader), &fault.expected(), action);
+            Some(index)
+        })
+        .collect();
+    wrong.into_iter().for_each(|index| joints[index].mimic = None);
+    let index_of: HashMap<&str, usize> = joints.iter().enumerate().map(|(index, joint)| (joint.name, index)).collect();
+    let mut ranges: Vec<Range> = joints.iter().map(|joint| joint.limits.map_or(Range::ALL, Range::from)).collect();
+    let led = |joint: &Joint<'_>| joint.mimic.as_ref().map(|mimic| (index_of[mimic.leader], mimic.ratio, mimic.offset));
+    for &follower in followers.iter().rev() {
+        let Some((leader, ratio, offset)) = led(&joints[follower]) else { continue };
+        ranges[leader] = ranges[leader].meet(ranges[follower].of_leader(ratio, offset)).unwrap_or(ranges[leader]);
+    }
+    for (joint, range) in joints.iter_mut().zip(&ranges) {
+        joint.start = 0.0_f64.max(range.low).min(range.high);
+    }
+    for follower in followers {
+        let Some((leader, ratio, offset)) = led(&joints[follower]) else { continue };
+        joints[follower].start = ratio * joints[leader].start + offset;
+    }
+}
+
+/// Positions that a joint may have, rad or m.
+#[derive(Clone, Copy)]
+struct Range {
+    low: f64,
+    high: f64,
+}
+
+impl From<Limits> for Range {
+    fn from(Limits { low, high }: Limits) -> Self {
+        Self { low, high }
+    }
+}
+
+impl Range {
+    const ALL: Self = Self { low: f64::NEG_INFINITY, high: f64::INFINITY };
+
+    /// Positions of its leader that put the joint here.
+    fn of_leader(self, ratio: f64, offset: f64) -> Self {
+        if ratio == 0.0 {
+            return Self::ALL;
+        }
+        let [a, b] = [self.low, self.high].map(|end| (end - offset) / ratio);
+        Self { low: a.min(b), high: a.max(b) }
+    }
+
+    /// What two have in common.
+    fn meet(self, other: Self) -> Option<Self> {
+        let (low, high) = (self.low.max(other.low), self.high.min(other.high));
+        (low <= high).then_some(Self { low, high })
     }
 }
 
@@ -176,10 +279,10 @@ fn axis(element: &Element<'_>, kind: Kind) -> Vector3<f64> {
     })
 }
 
-/// Damping and friction of a joint, N·m·s/rad and N·m, or N·s/m and N.
-fn losses(joint: &Element<'_>, kind: Kind) -> [f64; 2] {
-    let Some(dynamics) = joint.child("dynamics") else { return [0.0; 2] };
-    let names = ["damping", "friction"];
+/// Damping, friction and armature of a joint, N·m·s/rad, N·m and kg·m², or N·s/m, N and kg.
+fn losses(joint: &Element<'_>, kind: Kind) -> [f64; 3] {
+    let Some(dynamics) = joint.child("dynamics") else { return [0.0; 3] };
+    let names = ["damping", "friction", "armature"];
     dynamics.finish(&names, &[]);
     names.map(|name| {
         let Some(value) = dynamics.real(name).filter(|value| *value != 0.0) else { return 0.0 };

@@ -4,7 +4,6 @@
 //! model. What becomes of each element is in `docs/urdf.md`; the format is that of <https://wiki.ros.org/urdf/XML>.
 //!
 //! ## Limitations
-//! * `mimic` has no effect; it is reported.
 //! * Transmissions, sensors and what simulators add in `<gazebo>` have no effect, but for `self_collide`; they are
 //!   reported.
 //! * Textures are not used.

@@ -1,7 +1,7 @@
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::*;
-use crate::adf::{CollisionGeometry, CollisionMeshKind, DriveTrain, JointKind, Limits, Severity};
+use crate::adf::{CollisionGeometry, CollisionMeshKind, Coupling, DriveTrain, JointKind, Leader, Limits, Severity};
 
 /// Description and problems of a text that is read.
 pub(super) fn read(text: &str) -> (Model, Vec<String>) {
@@ -234,7 +234,8 @@ fn types_limits_and_efforts_of_joints() {
     assert_eq!((j.max_motor_impulse, j.parent_axis, problems.as_str()), (0.03, Vector3::x(), ""));
     let all = "<limit lower='-1' upper='2' effort='30' velocity='4'/><dynamics damping='0.5' friction='2'/>";
     let (j, problems) = read_joint("prismatic", all);
-    let expected = DriveTrain { damping: 0.5, friction: 2.0, max_effort: Some(30.0), max_rate: Some(4.0) };
+    let expected =
+        DriveTrain { damping: 0.5, armature: 0.0, friction: 2.0, max_effort: Some(30.0), max_rate: Some(4.0) };
     assert_eq!((j.drive_train, problems.as_str()), (expected, ""));
     let (j, problems) = read_joint("prismatic", &limit("lower='1' upper='2'"));
     assert_eq!(j.drive_train, DriveTrain::default());
@@ -258,7 +259,14 @@ fn types_limits_and_efforts_of_joints() {
         ("continuous", "<limit velocity='0'/>", "`joint A-B / limit / velocity` is 0, expected a rate above 0"),
         ("continuous", "<limit effort='0'/>", "motors have that of a joint without, 100"),
         ("continuous", "<axis xyz='0 0 0'/>", "expected a direction; 1 0 0 is used"),
-        ("continuous", "<mimic joint='x'/>", "the joint moves on its own"),
+        (
+            "continuous",
+            "<mimic joint='x'/>",
+            "`joint A-B / mimic / joint` is `x`, expected joints of this file: there is no `x`",
+        ),
+        ("continuous", "<mimic joint='A-B'/>", "no joint follows itself; the joint moves on its own"),
+        ("continuous", "<mimic joint='x' ratio='2'/>", "`joint A-B / mimic / ratio` is not known"),
+        ("fixed", "<mimic joint='x'/>", "expected a revolute or prismatic joint"),
         (
             "continuous",
             "<dynamics damping='-1' friction='0'/>",
@@ -281,15 +289,23 @@ fn joints_start_at_zero_or_the_limit_next_to_it() {
 }
 
 #[test]
-fn what_is_no_tree_loses_a_joint() {
+fn joints_beyond_a_tree_close_loops() {
     let revolute = |a, b| joint("continuous", a, b);
     for (text, message, left) in [
-        (revolute("A", "A"), "`joint A-A` joins a link with itself; the joint is dropped", 0),
+        (revolute("A", "A"), "error: `joint A-A` joins a link with itself; the joint is dropped", 0),
         (revolute("A", "X"), "`joint A-X / child / link` is `X`, expected the name of a link; the joint is dropped", 0),
-        (revolute("A", "B") + &revolute("C", "B"), "`joint C-B` leads to the same link as joint `A-B`", 1),
-        (revolute("A", "B") + &revolute("B", "C") + &revolute("C", "A"), "`joint C-A` closes a loop of links", 2),
-        (revolute("A", "B") + &revolute("C", "A") + &revolute("B", "C"), "closes a loop", 2),
-        (revolute("B", "C") + &revolute("C", "B"), "closes a loop", 1),
+        (
+            revolute("A", "B") + &revolute("C", "B"),
+            "info: `joint C-B` leads to the same link as joint `A-B`; the joint closes a loop",
+            2,
+        ),
+        (
+            revolute("A", "B") + &revolute("B", "C") + &revolute("C", "A"),
+            "warning: `joint C-A` closes a loop of links without a root: `A` becomes one; the joint closes a loop",
+            3,
+        ),
+        (revolute("A", "B") + &revolute("C", "A") + &revolute("B", "C"), "closes a loop", 3),
+        (revolute("B", "C") + &revolute("C", "B"), "closes a loop", 2),
         (revolute("A", "B") + &revolute("A", "B"), "`joint A-B` is not the first joint called `A-B`", 1),
         (links(&["A"]), "`link A` is not the first link called `A`; this link is dropped", 0),
     ] {
@@ -297,10 +313,61 @@ fn what_is_no_tree_loses_a_joint() {
         assert_eq!((model.bodies.len(), model.joints.len()), (3, left), "{problems:#?}");
         assert!(problems.iter().any(|p| p.contains(message)), "{problems:#?}");
     }
+    let parallel = joint("fixed", "A", "b") + &joint("continuous", "A", "b").replace("A-b", "x");
+    let (model, problems) = read(&robot(&(links(&["A", "b"]) + &parallel)));
+    assert!(
+        model.joints.is_empty() && problems.iter().any(|p| p.contains("fixed to each other; the joint is dropped"))
+    );
     let (_, problems) = read(&robot(&links(&["A", "B"])));
     assert!(problems[0].contains("error: `link B` is a root beside `A`: no joint leads to it"), "{problems:#?}");
     let (model, problems) = read("<robot name='r'/>");
     assert!(model.bodies.is_empty() && problems[0].contains("`robot r / link` is missing"), "{problems:#?}");
+}
+
+#[test]
+fn a_frame_with_two_parents_belongs_to_the_one_it_is_fixed_to() {
+    // In either order: a frame of C that B leads to, too.
+    let (of_c, of_b) = (joint("fixed", "C", "pin"), joint("continuous", "B", "pin"));
+    let tree = joint("continuous", "A", "B") + &joint("continuous", "A", "C");
+    for pair in [of_c.clone() + &of_b, of_b + &of_c] {
+        let (model, problems) = read(&robot(&(links(&["A", "B", "C", "pin"]) + &tree + &pair)));
+        assert_eq!(model.bodies.len(), 3, "{problems:#?}");
+        assert_eq!(joined(&model).last(), Some(&("B-pin", "BODY B", "BODY C")));
+        let closing = model.joints.last().unwrap();
+        assert_eq!((closing.parent_pivot.x, closing.child_pivot.x), (1.0, 1.0));
+        let what = "`joint B-pin` leads to the same link as joint `C-pin`; the joint closes a loop";
+        assert!(problems.iter().any(|problem| problem.contains(what)), "{problems:#?}");
+    }
+}
+
+#[test]
+fn mimics_are_couplings_and_start_closed() {
+    let mimic = |kind, of: &str, inside: &str| joint(kind, "A", of).replace("</joint>", &format!("{inside}</joint>"));
+    let limit = |low: f64, high: f64| format!("<limit lower='{low}' upper='{high}' effort='1' velocity='1'/>");
+    let follows =
+        |of: &str, ratio: f64, offset: f64| format!("<mimic joint='{of}' multiplier='{ratio}' offset='{offset}'/>");
+    // D follows C, which follows B; C may not go below 0.5, so that B starts at 1.
+    let text = mimic("prismatic", "D", &(limit(-9.0, 9.0) + &follows("A-C", 1.0, 1.0)))
+        + &mimic("revolute", "C", &(limit(0.5, 3.0) + &follows("A-B", 2.0, -1.5)))
+        + &mimic("continuous", "B", "");
+    let model = clean(&robot(&(links(&["A", "B", "C", "D"]) + &text)));
+    let coupling = |index: usize| model.joints[index].coupling.clone().unwrap();
+    let leader = |joint: &str, ratio| vec![Leader { joint: joint.to_owned(), ratio }];
+    assert_eq!(coupling(0), Coupling { leaders: leader("JOINT A-C", 1.0), offset: 1.0 });
+    assert_eq!(coupling(1), Coupling { leaders: leader("JOINT A-B", 2.0), offset: -1.5 });
+    assert_eq!(model.joints[2].coupling, None);
+    let angle = |index: usize| model.bodies[index].location.rotation.angle();
+    assert!((angle(1) - 1.0).abs() < 1e-15 && (angle(2) - 0.5).abs() < 1e-15);
+    assert_eq!(model.bodies[3].location.translation.x, 2.5);
+
+    let cycle =
+        mimic("continuous", "B", &follows("A-C", 1.0, 0.0)) + &mimic("continuous", "C", &follows("A-B", 1.0, 0.0));
+    let (model, problems) = read(&robot(&(links(&["A", "B", "C"]) + &cycle)));
+    assert!(model.joints.iter().all(|joint| joint.coupling.is_none()));
+    let said = problems
+        .iter()
+        .filter(|p| p.contains("joints that do not follow this one in turn; the joint moves on its own"));
+    assert_eq!(said.count(), 2, "{problems:#?}");
 }
 
 #[test]

@@ -6,7 +6,7 @@
 use nalgebra::Isometry3;
 
 use super::inertia::Inertial;
-use super::joint::{Joint, Kind};
+use super::joint::{couple, Joint, Kind};
 use super::link::Link;
 use crate::adf::{ProblemKind, Severity};
 
@@ -36,28 +36,50 @@ pub(super) struct Load {
     pub is_carried: bool,
 }
 
-/// Takes the joints out of `joints` that do not belong to a tree, and says where each link belongs.
+/// Takes the joints out of `joints` that join nothing, couples the others, and says where each link belongs. Joints beyond
+/// those of a tree close loops.
 pub(super) fn places(links: &[Link<'_>], joints: &mut Vec<Joint<'_>>) -> Vec<Place> {
-    let leading_to = cut(links, joints);
+    let leading_to = span(links, joints);
+    couple(joints);
     let tree = Tree::new(links, joints, leading_to);
-    tree.places()
+    let places = tree.places();
+    joints.retain(|joint| {
+        let [parent, child] = [joint.parent, joint.child].map(|link| places[link].host);
+        let is_idle = parent == child && joint.kind != Kind::Fixed;
+        if is_idle {
+            let action = "the joint is dropped: it cannot move";
+            joint.element.error(ProblemKind::Structure, "", "joins links that are fixed to each other", "", action);
+        }
+        !is_idle
+    });
+    places
 }
 
-/// Leaves each link at most one joint that leads to it, and no closed loop. Returns that joint for each link.
-fn cut(links: &[Link<'_>], joints: &mut Vec<Joint<'_>>) -> Vec<Option<usize>> {
+/// Finds a tree of links: the joint that leads to each. Of several it is a fixed one, or else the first. Where all links of a
+/// loop have a parent, one of them becomes a root.
+fn span(links: &[Link<'_>], joints: &mut Vec<Joint<'_>>) -> Vec<Option<usize>> {
+    joints.retain(|joint| {
+        let joins = joint.parent != joint.child;
+        if !joins {
+            let action = "the joint is dropped";
+            joint.element.error(ProblemKind::Structure, "", "joins a link with itself", "", action);
+        }
+        joins
+    });
     let mut leading_to: Vec<Option<usize>> = vec![None; links.len()];
-    let mut dropped = vec![false; joints.len()];
     for (index, joint) in joints.iter().enumerate() {
-        let why = match leading_to[joint.child] {
-            _ if joint.parent == joint.child => "joins a link with itself".to_owned(),
-            Some(other) => format!("leads to the same link as joint `{}`", joints[other].name),
-            None => {
-                leading_to[joint.child] = Some(index);
-                continue;
-            }
-        };
-        dropped[index] = true;
-        broken(joint, &why);
+        let leads = &mut leading_to[joint.child];
+        match *leads {
+            None => *leads = Some(index),
+            Some(other) if joint.kind == Kind::Fixed && joints[other].kind != Kind::Fixed => *leads = Some(index),
+            Some(_) => (),
+        }
+    }
+    for (index, joint) in joints.iter().enumerate() {
+        let leads = leading_to[joint.child].filter(|&leads| leads != index);
+        if let Some(leads) = leads {
+            closing(joint, &format!("leads to the same link as joint `{}`", joints[leads].name), Severity::Info);
+        }
     }
     // Walks towards the root from each link that was not passed yet: a walk that meets itself is in a loop.
     let mut walk_of = vec![usize::MAX; links.len()];
@@ -71,23 +93,20 @@ fn cut(links: &[Link<'_>], joints: &mut Vec<Joint<'_>>) -> Vec<Option<usize>> {
             }
         }
         if let (true, Some(joint)) = (walk_of[link] == start, leading_to[link]) {
-            dropped[joint] = true;
             leading_to[link] = None;
-            broken(&joints[joint], "closes a loop of links");
+            let why = format!("closes a loop of links without a root: `{}` becomes one", links[link].name);
+            closing(&joints[joint], &why, Severity::Warning);
         }
-    }
-    let mut kept = dropped.iter().map(|dropped| !dropped);
-    joints.retain(|_| kept.next() == Some(true));
-    // Indices again, now that some joints are gone.
-    let mut leading_to = vec![None; links.len()];
-    for (index, joint) in joints.iter().enumerate() {
-        leading_to[joint.child] = Some(index);
     }
     leading_to
 }
 
-fn broken(joint: &Joint<'_>, why: &str) {
-    joint.element.error(ProblemKind::Structure, "", why, "", "the joint is dropped: a robot is a tree of links");
+fn closing(joint: &Joint<'_>, why: &str, severity: Severity) {
+    let action = match joint.kind {
+        Kind::Floating => "the joint joins nothing",
+        _ => "the joint closes a loop",
+    };
+    joint.element.problem(severity, ProblemKind::Structure, "", why, "", action);
 }
 
 struct Tree<'t, 'a> {
@@ -95,7 +114,7 @@ struct Tree<'t, 'a> {
     joints: &'t [Joint<'a>],
     /// For each link the joint that leads to it.
     leading_to: Vec<Option<usize>>,
-    /// For each link the joints that start there, in file order.
+    /// For each link the joints of the tree that start there, in file order.
     leaving: Vec<Vec<usize>>,
 }
 
@@ -103,7 +122,9 @@ impl<'t, 'a> Tree<'t, 'a> {
     fn new(links: &'t [Link<'a>], joints: &'t [Joint<'a>], leading_to: Vec<Option<usize>>) -> Self {
         let mut leaving = vec![Vec::new(); links.len()];
         for (index, joint) in joints.iter().enumerate() {
-            leaving[joint.parent].push(index);
+            if leading_to[joint.child] == Some(index) {
+                leaving[joint.parent].push(index);
+            }
         }
         Self { links, joints, leading_to, leaving }
     }
@@ -179,7 +200,7 @@ impl<'t, 'a> Tree<'t, 'a> {
         let (in_world, fixed_to) = match (joint, parent) {
             (Some(joint), Some(parent)) => {
                 let fixed = joint.kind == Kind::Fixed;
-                (parent.in_world * joint.pose(joint.start()), fixed.then_some((parent, joint.origin)))
+                (parent.in_world * joint.pose(joint.start), fixed.then_some((parent, joint.origin)))
             }
             _ => (Isometry3::identity(), None),
         };

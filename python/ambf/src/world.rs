@@ -11,7 +11,7 @@ use ambf_core::bullet::{BodyKinematics, EnergyLedger, Preset, Ray, RayHit, RayTa
 use ambf_core::comm::{ActuatorCommand, HubIndex, ObjectKind, Snapshot};
 use ambf_core::control::Profile;
 use ambf_core::ids::{ActuatorId, BodyId, JointId, SensorId};
-use ambf_core::scene::{Body, ParameterChange, PreparedModel, Scene, StateChange};
+use ambf_core::scene::{Body, JointCoupling, ParameterChange, PreparedModel, Scene, StateChange};
 use ambf_core::sim::{LostState, ModelError, Stepper, StepperState};
 use ambf_core::text;
 use ambf_render::camera_labels;
@@ -75,6 +75,9 @@ struct Clock {
     time: f64,
     lost: f64,
 }
+
+/// Of a joint that follows others: its index, those of its leaders with their ratios, and the offset.
+type CouplingRow = (usize, Vec<(usize, f64)>, f64);
 
 /// A world that is simulated; see `_ambf.pyi`.
 #[pyclass(frozen, weakref, module = "ambf._ambf")]
@@ -867,6 +870,18 @@ impl World {
         self.with(py, |physics| {
             let scene = physics.stepper.simulation().scene();
             self.joint_ids.iter().map(|joint| scene.joints[*joint].joint_type.name()).collect()
+        })
+    }
+
+    #[getter]
+    fn couplings(&self, py: Python<'_>) -> PyResult<Vec<CouplingRow>> {
+        self.with(py, |physics| {
+            let joints = &physics.stepper.simulation().scene().joints;
+            let coupled = joints.entries().filter_map(|(id, joint)| Some((id, joint.coupling.as_ref()?)));
+            let leaders = |coupling: &JointCoupling| -> Vec<(usize, f64)> {
+                coupling.leaders.iter().map(|&(leader, ratio)| (leader.index(), ratio)).collect()
+            };
+            coupled.map(|(id, coupling)| (id.index(), leaders(coupling), coupling.offset)).collect()
         })
     }
 

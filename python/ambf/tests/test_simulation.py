@@ -693,6 +693,35 @@ class States(unittest.TestCase):
             for wrong in (((0, 0), (1, 0, 0)), ((0, 0, 0), (0, 0, 0)), ((0, 0, np.nan), (1, 0, 0))):
                 self.assertRaises(ValueError, sim.cast_rays, *wrong)
 
+    def test_couplings(self):
+        """A follower stays with its leader under load, and says whom it follows."""
+        link = (
+            '<link name="{0}"><inertial><mass value="0.1"/>'
+            '<inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>'
+        )
+        slide = (
+            '<joint name="{0}" type="prismatic"><parent link="world"/><child link="{1}"/><axis xyz="1 0 0"/>'
+            '<limit lower="-1" upper="1" effort="50" velocity="9"/>{2}</joint>'
+        )
+        text = '<robot name="r"><link name="world"/>' + link.format("left") + link.format("right")
+        text += slide.format("lead", "left", "")
+        text += slide.format("follow", "right", '<mimic joint="lead" multiplier="-1" offset="0.02"/>') + "</robot>"
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "r.urdf"
+            path.write_text(text)
+            for profile in ("legacy", "accurate"):
+                with ambf.Simulation(path, profile=profile) as sim:
+                    lead, follow = (sim.joints.index(name) for name in sim.joints)
+                    self.assertEqual(sim.couplings, (ambf.Coupling(follow, ((lead, -1.0),), 0.02),))
+                    world = sim.body("r/world")
+                    world.joint_kinds[0], world.joint_commands[0] = ambf.EFFORT, 5
+                    sim.step(100)
+                    q = world.joint_positions
+                    self.assertAlmostEqual(q[0] + q[1], 0.02, 6)
+                    self.assertAlmostEqual(q[0], 0.125, 2)
+                    sim.set_state(joint_positions={sim.joints[lead]: 0.3})
+                    np.testing.assert_allclose(world.joint_positions, (0.3, -0.28), atol=1e-9)
+
     def test_constants(self):
         """Masses, inertias, limits and types are those of the file."""
         with arm() as sim:

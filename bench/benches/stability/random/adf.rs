@@ -131,6 +131,11 @@ fn joint(scene: &Scene, joint: &Joint) -> String {
     if joint.passive {
         add("passive: true".into());
     }
+    // The leader may have been taken out.
+    let coupling = joint.coupling.filter(|(leader, ..)| scene.joints.iter().any(|joint| joint.id == *leader));
+    if let Some((leader, ratio, offset)) = coupling {
+        add(format!("coupling: {{joint: JOINT j{leader}, ratio: {ratio:?}, offset: {offset:?}}}"));
+    }
     text + "}"
 }
 

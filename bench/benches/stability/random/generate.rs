@@ -106,7 +106,30 @@ pub fn scene(seed: u64, index: u64) -> Scene {
     }
     draft.surroundings();
     draft.orders();
+    couple(&mut draft.scene, draft.style.length, &mut dice::of(!seed, index));
     draft.scene
+}
+
+/// Couples joints of some scenes. `length`: of the style, m; `dice`: of their own, so that all else is as without couplings.
+fn couple(scene: &mut Scene, length: f64, dice: &mut Dice) {
+    if !dice.chance(0.15) {
+        return;
+    }
+    let is_driven = |joint: &Joint| matches!(joint.kind, Kind::Revolute | Kind::Continuous | Kind::Prismatic);
+    let driven: Vec<usize> = (0..scene.joints.len()).filter(|&joint| is_driven(&scene.joints[joint])).collect();
+    // A follower comes after its leader in the list: there are no circles.
+    for (place, &follower) in driven.iter().enumerate().skip(1) {
+        if !dice.chance(0.4) {
+            continue;
+        }
+        let leader = &scene.joints[driven[dice.index(place)]];
+        let slides = |joint: &Joint| joint.kind == Kind::Prismatic;
+        let unit = length.powi(i32::from(slides(&scene.joints[follower])) - i32::from(slides(leader)));
+        let ratio = dice.pick(&[-1.0, 1.0, -0.5, 2.0, -3.0, 0.1]) * unit;
+        let offset = scene.joints[follower].start - ratio * leader.start;
+        scene.joints[follower].coupling = Some((leader.id, ratio, offset));
+        scene.features.insert("couplings");
+    }
 }
 
 fn style(dice: &mut Dice, features: &mut BTreeSet<&'static str>) -> Style {
@@ -312,6 +335,8 @@ impl Draft {
             ignore_collision: self.dice.chance(self.style.neighbours).then_some(false),
             feedback: self.dice.chance(0.1),
             passive: self.dice.chance(0.03),
+            start: at,
+            coupling: None,
         });
         if self.scene.joints[id].ignore_collision.is_some() {
             self.feature("joined bodies collide");

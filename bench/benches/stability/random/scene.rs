@@ -135,6 +135,10 @@ pub struct Joint {
     pub ignore_collision: Option<bool>,
     pub feedback: bool,
     pub passive: bool,
+    /// Coordinate at the start, rad or m.
+    pub start: f64,
+    /// The joint that it follows, by its number, with ratio and offset.
+    pub coupling: Option<(usize, f64, f64)>,
 }
 
 /// A sensor with an array of parallel rays along z of its frame.

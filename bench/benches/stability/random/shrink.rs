@@ -135,6 +135,7 @@ impl Shrinker<'_> {
     fn simplify_joints(&mut self) -> bool {
         let mut any = false;
         for i in 0..self.best.joints.len() {
+            any |= self.attempt(|scene| scene.joints[i].coupling = None);
             any |= self.attempt(|scene| scene.joints[i].controller = None);
             any |= self.attempt(|scene| scene.joints[i].limits = None);
             any |= self.attempt(|scene| {

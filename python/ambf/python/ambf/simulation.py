@@ -50,6 +50,17 @@ _STATES = ("poses", "twists", "joint_positions", "joint_velocities", "joint_effo
 _COMMANDS = ("kinds", "wrenches", "target_poses", "target_twists")
 
 
+class Coupling(NamedTuple):
+    """A joint that follows others: its position is the sum of theirs, each times its ratio, plus the offset."""
+
+    follower: int
+    """Where it stands in the arrays of joints."""
+    leaders: Tuple[Tuple[int, float], ...]
+    """Where the others stand there, and the rate of the follower over that of each: rad/rad, m/m, m/rad or rad/m."""
+    offset: float
+    """rad or m."""
+
+
 class Contacts(NamedTuple):
     """Contact points, one a row."""
 
@@ -191,6 +202,10 @@ class Simulation(Arrays):
         """(joints) "revolute", "prismatic", "linear spring", "torsion spring"; and those without a coordinate: "fixed", "p2p", …"""
         self.lights: Tuple[str, ...] = tuple(inside.lights)
         """Names of the lights."""
+        self.couplings: Tuple[Coupling, ...] = tuple(
+            Coupling(follower, tuple(leaders), offset) for follower, leaders, offset in inside.couplings
+        )
+        """Joints that follow others."""
 
     def _read_parameters(self) -> None:
         """Shows the present parameters in arrays that can't be written."""
