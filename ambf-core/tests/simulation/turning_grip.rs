@@ -24,7 +24,8 @@ fn block() -> String {
 
 /// A turntable with two pads on slides, in the middle of which a block of 20 g is held.
 fn gripper() -> String {
-    let inertial = "<inertial><mass value='0.1'/><inertia ixx='1e-4' ixy='0' ixz='0' iyy='1e-4' iyz='0' izz='1e-4'/></inertial>";
+    let inertial =
+        "<inertial><mass value='0.1'/><inertia ixx='1e-4' ixy='0' ixz='0' iyy='1e-4' iyz='0' izz='1e-4'/></inertial>";
     let mut text = format!(
         "<robot name='g'><link name='world'/><link name='table'>{inertial}</link><joint name='turn' type='continuous'><parent \
          link='world'/><child link='table'/><axis xyz='0 0 1'/><limit effort='50' velocity='10'/></joint>"
@@ -63,7 +64,7 @@ fn a_block_stays_in_jaws_that_turn() {
     assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
     let mut bench = Bench(Simulation::new(loaded.scene, 0.001));
     let world = bench.body("world");
-    let mut drive = |bench: &mut Bench, rate: f64, steps: u32| {
+    let drive = |bench: &mut Bench, rate: f64, steps: u32| {
         for _ in 0..steps {
             bench.0.command_joint(world, 0, JointCommandType::Velocity, rate);
             bench.0.command_joint(world, 1, JointCommandType::Effort, 10.0);
