@@ -91,7 +91,13 @@ impl<T: Transport> Transport for Mapped<T> {
 /// What is to be loaded, and from where.
 pub fn setup(launch: &[PluginEntry], command_line: &[PathBuf], crtk: CrtkFiles<'_>) -> PluginSetup {
     let mut registry = Registry::default();
-    let arms = crtk::plugin::register(&mut registry, crtk.files, &connect(crtk.versions, crtk.arguments), &crtk.board, crtk.seed);
+    let arms = crtk::plugin::register(
+        &mut registry,
+        crtk.files,
+        &connect(crtk.versions, crtk.arguments),
+        &crtk.board,
+        crtk.seed,
+    );
     PluginSetup {
         registry,
         search: Search::from_environment(),

@@ -60,7 +60,10 @@ fn physics(world: &str, snapshot: &Snapshot, lost: Option<&str>, lost_before: &m
         None if recent > 0.0 => (Status::WARN, format!("{recent:.3} s of simulated time were not computed")),
         None if timing.is_slow() => {
             let (cost, allowed) = (timing.step_cost[0], timing.allowed_cost);
-            (Status::WARN, format!("slower than the clock: an iteration costs {cost:.6} s, its period is {allowed:.6} s"))
+            (
+                Status::WARN,
+                format!("slower than the clock: an iteration costs {cost:.6} s, its period is {allowed:.6} s"),
+            )
         }
         None => (Status::OK, "running".to_owned()),
     };
