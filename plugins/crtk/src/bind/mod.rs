@@ -200,7 +200,7 @@ pub fn bind(all: &[ArmConfig], own: usize, world: &View<'_>) -> Result<(ArmModel
 /// The namespace of the arm's base, else the beginning of its topics.
 fn space(config: &ArmConfig, world: &View<'_>, finder: &Finder<'_, '_>) -> String {
     let base = config.base.as_ref().and_then(|base| finder.find(ObjectType::Body, base).ok());
-    let name = base.and_then(|body| world.name(ObjectId::new(ObjectType::Body, body)));
+    let name = base.and_then(|body| world.identifier(ObjectId::new(ObjectType::Body, body)));
     let parent = name.as_deref().and_then(|name| name.rsplit_once('/')).map(|(parent, _)| parent.to_owned());
     parent.filter(|parent| !parent.is_empty()).unwrap_or_else(|| config.space.clone())
 }
