@@ -1,6 +1,7 @@
 //! Approximate convex decomposition of a mesh: V-HACD (Mamou, "Volumetric Hierarchical Approximate Convex
 //! Decomposition", Game Engine Gems 3, 2016) of the crate `parry3d-f64` finds where to cut; the hulls are those of the
-//! surface between the cuts, not of voxels, and hulls that are convex together are joined again.
+//! surface between the cuts, not of voxels, and hulls that are convex together are joined again. Parts that reach far into holes are
+//! cut along their walls.
 
 use std::panic::{catch_unwind, AssertUnwindSafe};
 
