@@ -1,6 +1,6 @@
 //! Approximate convex decomposition of a mesh: V-HACD (Mamou, "Volumetric Hierarchical Approximate Convex
 //! Decomposition", Game Engine Gems 3, 2016) of the crate `parry3d-f64` finds where to cut; the hulls are those of the
-//! surface between the cuts, not of voxels, and hulls that are convex together are joined again.
+//! surface between the cuts, not of voxels, and hulls that are convex together are joined again, as far as they reach into no hole.
 
 use std::panic::{catch_unwind, AssertUnwindSafe};
 
@@ -14,7 +14,7 @@ use crate::adf::ConvexDecomposition;
 use crate::mesh::SubMesh;
 
 /// Number of this method: hulls that another one made are made again.
-pub(super) const METHOD: u64 = 2;
+pub(super) const METHOD: u64 = 3;
 
 /// Vertices of a hull at most. The cost of a pair of hulls grows with them.
 pub(super) const MAX_VERTICES: usize = 64;
@@ -100,13 +100,9 @@ impl Part {
         part
     }
 
-    fn holds_any(&self, probes: &[Probe]) -> bool {
-        self.held(probes).is_some()
-    }
-
-    /// The first of these points that is in its hull.
-    fn held<'a>(&self, probes: &'a [Probe]) -> Option<&'a Probe> {
-        let (vertices, faces) = try_convex_hull(&self.points).ok()?;
+    /// Whether any of these points is in its hull.
+    fn holds_any(&self, probes: &[Vector]) -> bool {
+        let Ok((vertices, faces)) = try_convex_hull(&self.points) else { return false };
         let planes: Vec<(Vector, f64)> = faces
             .iter()
             .filter_map(|face| {
@@ -115,9 +111,7 @@ impl Part {
                 Some((normal, normal.dot(a)))
             })
             .collect();
-        let is_held =
-            |probe: &&Probe| planes.iter().all(|&(normal, offset)| normal.dot(probe.point) < offset - NEGLIGIBLE);
-        probes.iter().find(is_held)
+        probes.iter().any(|&probe| planes.iter().all(|&(normal, offset)| normal.dot(probe) < offset))
     }
 
     /// Whether the bounding boxes touch.
@@ -147,86 +141,16 @@ fn divide(points: &[Vector], triangles: &[[u32; 3]], wanted: &ConvexDecompositio
         let divided = VHACD::decompose(&parameters, points, triangles, true);
         let pieces = divided.compute_primitive_intersections(points, triangles);
         let parts: Vec<Part> = pieces.iter().filter(|piece| !piece.is_empty()).map(|piece| Part::of(piece)).collect();
-        if !parts.iter().any(|part| part.holds_any(&probes)) {
+        if attempt == MAX_ATTEMPTS || !parts.iter().any(|part| part.holds_any(&probes)) {
             return join(parts, wanted, whole, &probes);
-        }
-        if attempt == MAX_ATTEMPTS {
-            let most = wanted.hulls as usize;
-            return join(carve(parts, points, triangles, &probes, most), wanted, whole, &probes);
         }
         concavity *= FINER;
     }
     unreachable!("the last attempt returns")
 }
 
-/// Cuts parts that reach far into holes along the walls of these, until there are `most` parts. The cells into which the library
-/// divides are boxes with the axes of the mesh; of small holes in large parts no such box is short enough.
-fn carve(parts: Vec<Part>, points: &[Vector], triangles: &[[u32; 3]], probes: &[Probe], most: usize) -> Vec<Part> {
-    let mut count = parts.len();
-    let (mut done, mut waiting) = (Vec::new(), Vec::new());
-    for part in parts {
-        if part.held(probes).is_none() {
-            done.push(part);
-            continue;
-        }
-        let first = part.points.first().copied().unwrap_or_default();
-        let (low, high) = part.points.iter().fold((first, first), |(low, high), &p| (low.min(p), high.max(p)));
-        let mut surface: Vec<Vec<Vector>> =
-            triangles.iter().map(|triangle| triangle.map(|corner| points[corner as usize]).to_vec()).collect();
-        for axis in [Vector::X, Vector::Y, Vector::Z] {
-            let slack = NEGLIGIBLE;
-            surface = clipped(&surface, -axis, -(axis.dot(low) - slack));
-            surface = clipped(&surface, axis, axis.dot(high) + slack);
-        }
-        waiting.push(surface);
-    }
-    while let Some(surface) = waiting.pop() {
-        let part = Part::of(&surface.concat());
-        match part.held(probes).filter(|_| count < most) {
-            None => done.push(part),
-            Some(probe) => {
-                let offset = probe.normal.dot(probe.point);
-                let wall = clipped(&surface, probe.normal, offset);
-                let rest = clipped(&surface, -probe.normal, -offset);
-                let sides = [wall, rest].into_iter().filter(|side| !side.is_empty());
-                count -= 1;
-                for side in sides {
-                    count += 1;
-                    waiting.push(side);
-                }
-            }
-        }
-    }
-    done
-}
-
-/// What of polygons is where `normal` · p <= `offset` (Sutherland and Hodgman 1974).
-fn clipped(polygons: &[Vec<Vector>], normal: Vector, offset: f64) -> Vec<Vec<Vector>> {
-    let clip = |polygon: &Vec<Vector>| {
-        let mut kept = Vec::new();
-        for (i, &from) in polygon.iter().enumerate() {
-            let to = polygon[(i + 1) % polygon.len()];
-            let [here, there] = [from, to].map(|point| normal.dot(point) - offset);
-            if here <= 0.0 {
-                kept.push(from);
-            }
-            if here * there < 0.0 {
-                kept.push(from + (to - from) * (here / (here - there)));
-            }
-        }
-        (kept.len() >= 3).then_some(kept)
-    };
-    polygons.iter().filter_map(clip).collect()
-}
-
-/// A point in a hole or hollow, before a wall with this normal.
-struct Probe {
-    point: Vector,
-    normal: Vector,
-}
-
-/// One before each wall that has another one before it: at [`REACH`] of the way.
-fn probes(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Probe> {
+/// Points in the holes and hollows of a surface, each before a wall that has another one before it: at [`REACH`] of the way.
+fn probes(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Vector> {
     let corners = |triangle: &[u32; 3]| triangle.map(|corner| points[corner as usize]);
     let every = triangles.len().div_ceil(MAX_PROBES).max(1);
     let probe = |triangle: &[u32; 3]| {
@@ -235,7 +159,7 @@ fn probes(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Probe> {
         let from = (a + b + c) / 3.0;
         let way =
             triangles.iter().filter_map(|other| way_to(from, normal, corners(other))).fold(f64::INFINITY, f64::min);
-        (way.is_finite() && way > NARROW).then(|| Probe { point: from + normal * (REACH * way), normal })
+        (way.is_finite() && way > NARROW).then(|| from + normal * (REACH * way))
     };
     triangles.iter().step_by(every).filter_map(probe).collect()
 }
@@ -277,7 +201,7 @@ pub(super) fn close_up(sub: &SubMesh, hulls: &[Hull]) -> bool {
 
 /// Joins the two parts whose common hull adds the least volume, while there are too many or what it adds is within the
 /// concavity and holds none of the probes. `whole` is the volume of the hull of all.
-fn join(mut parts: Vec<Part>, wanted: &ConvexDecomposition, whole: f64, probes: &[Probe]) -> Vec<Part> {
+fn join(mut parts: Vec<Part>, wanted: &ConvexDecomposition, whole: f64, probes: &[Vector]) -> Vec<Part> {
     // Parts of a sheet have no volume, joined or not.
     let allowed = if whole > SHEET { wanted.concavity * whole } else { -1.0 };
     let most = wanted.hulls as usize;
