@@ -43,6 +43,6 @@ def write(name: str, array: NDArray[Any], values: Any) -> None:
             raise ValueError(f"{name}: {wrong.flat[0]} is no kind of command; expected {KINDS}")
     elif not np.isfinite(numbers).all():
         raise ValueError(f"{name}: a command is not finite")
-    elif array.shape[-1:] == (7,) and not numbers[..., 3:].any(axis=-1).all():
+    elif "pose" in name and not numbers[..., 3:].any(axis=-1).all():
         raise ValueError(f"{name}: a quaternion (x, y, z, w) is zero, which is no orientation")
     array[...] = numbers
