@@ -32,7 +32,8 @@ class Tools(harness.RosTest):
         listed = set(harness.ros(self.port, "rostopic", "list").split())
         objects = ["World", "Base", "Link", "Free", "Wall", "lights/lamp", "cameras/eye"]
         expected = {f"/ambf/env/{name}/{end}" for name in objects for end in ("State", "Command")}
-        expected |= {f"{WORLD}/Command/Reset", f"{WORLD}/Command/Reset/Bodies", f"{WORLD}/Timing"}
+        resets = ("Reset", "Reset/Bodies", "ResetBodies")
+        expected |= {f"{WORLD}/Command/{name}" for name in resets} | {f"{WORLD}/Timing"}
         found = {name for name in listed if name.startswith("/ambf")} - {
             f"{WORLD}/point_cloud",
             f"{WORLD}/point_cloud/radius",
