@@ -113,8 +113,7 @@ void amb_body_move(AmbBody *body, const double pose[12], const double velocity[6
   rigid.updateInertiaTensor();
   rigid.setLinearVelocity(vector_of(velocity));
   rigid.setAngularVelocity(vector_of(velocity + 3));
-  body->moved_to = transform_of(pose);
-  body->world->moved.push_back(body);
+  body->world->moved.push_back({body, transform_of(pose)});
   activate_neighbours(*body->world, *body);
 }
 

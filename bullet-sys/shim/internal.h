@@ -117,8 +117,6 @@ struct AmbBody : AmbObject, EngineBody {
   int constraint_count = 0;
   // Place in Bullet's list of bodies that are not static; -1: not in it.
   int place = -1;
-  // Pose at the end of the sub-step of a body in `AmbWorld::moved`.
-  btTransform moved_to = btTransform::getIdentity();
 };
 
 struct AmbGhost : AmbObject {
@@ -345,8 +343,12 @@ struct AmbWorld {
   // `world`, if its kind is AmbWorldKind_Articulated and the engine made it; else null.
   ArticulatedWorld *articulated = nullptr;
   MotionClock clock;
-  // Static bodies that are moved in the next sub-step, each once for each part of it.
-  Vector<AmbBody *> moved;
+  // Static bodies that are moved in the next sub-step, each once for each part of it, and their poses at its end.
+  struct Moved {
+    AmbBody *body;
+    btTransform pose;
+  };
+  Vector<Moved> moved;
   // The AABB of a static body is updated only when its pose is set.
   bool freezes_static_aabbs = false;
   // Bodies fall asleep below these linear (m/s) and angular (rad/s) speeds.

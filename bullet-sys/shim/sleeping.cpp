@@ -80,9 +80,9 @@ void set_pose(AmbWorld &world, AmbBody &owner, const btTransform &pose) {
 }
 
 void place_moved_bodies(AmbWorld &world) {
-  for (AmbBody *owner : world.moved) {
-    owner->body.setWorldTransform(owner->moved_to);
-    owner->motion.setWorldTransform(owner->moved_to);
+  for (const auto &[owner, pose] : world.moved) {
+    owner->body.setWorldTransform(pose);
+    owner->motion.setWorldTransform(pose);
     if (!world.freezes_static_aabbs) continue;
     world.world->updateSingleAabb(&owner->body);
     activate_neighbours(world, *owner);

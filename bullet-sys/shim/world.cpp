@@ -153,6 +153,8 @@ void amb_world_add_body(AmbWorld *world, AmbBody *body, AmbHandle handle) {
 }
 
 void amb_world_remove_body(AmbWorld *world, AmbBody *body) {
+  const auto is_it = [body](const AmbWorld::Moved &moved) { return moved.body == body; };
+  world->moved.erase(std::remove_if(world->moved.begin(), world->moved.end(), is_it), world->moved.end());
   if (world->soft) forget_in_soft_bodies(*world, *body);
   if (world->extension) world->extension->body_leaves(*body);
   activate_neighbours(*world, *body);

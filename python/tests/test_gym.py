@@ -169,7 +169,7 @@ class Environments(support.TimedTest):
         nothing = {"reward": lambda _: 0.0}
         with self.assertRaisesRegex(InvalidDescription, "give low and high"):
             SimulatorEnv(RosBackend(SCENE), Task((), (DriveJoints(BASE, JOINTS, mode="effort"),), **nothing))
-        with self.assertRaisesRegex(InvalidDescription, "no model file"):
+        with self.assertRaisesRegex(InvalidDescription, "there is no file"):
             SimulatorEnv(
                 RosBackend(Scene(("models/nothing.yaml",))), Task((), (DriveJoints(BASE, ("yaw",)),), **nothing)
             )

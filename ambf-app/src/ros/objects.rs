@@ -304,7 +304,7 @@ mod tests {
     fn objects_come_and_go() {
         let hub = Arc::new(Hub::new(vec![object(ObjectKind::World, "World")]));
         let mut objects = objects(&hub, None);
-        assert_eq!(objects.compare().unwrap().come.announcements.len(), 7, "no host, no services for models");
+        assert_eq!(objects.compare().unwrap().come.announcements.len(), 8, "no host, no services for models");
         assert!(objects.compare().is_none(), "nothing has changed");
 
         let car = || object(ObjectKind::Vehicle(VehicleId::new(0), Box::default()), "car");

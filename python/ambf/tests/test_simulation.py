@@ -181,7 +181,15 @@ class Arrays(unittest.TestCase):
         self.assertTrue((positions[:7] != before[:7]).all())
         self.assertFalse((flange.pose == pose).all())
         np.testing.assert_array_equal(base.joint_positions, positions[base.joint_indices])
-        for array in (sim.poses, sim.twists, positions, sim.joint_efforts, sim.joint_wrenches, sim.holding, flange.pose):
+        for array in (
+            sim.poses,
+            sim.twists,
+            positions,
+            sim.joint_efforts,
+            sim.joint_wrenches,
+            sim.holding,
+            flange.pose,
+        ):
             with self.assertRaises(ValueError):
                 array[...] = 0
 

@@ -46,7 +46,16 @@ Values = Union[ArrayLike, Mapping[Union[str, int], ArrayLike]]
 _MOST_PIXELS = 16384
 _MOST_STEPS = 2**32 - 1
 
-_STATES = ("poses", "twists", "joint_positions", "joint_velocities", "joint_efforts", "measurements", "holding")
+_STATES = (
+    "poses",
+    "twists",
+    "joint_positions",
+    "joint_velocities",
+    "joint_efforts",
+    "joint_wrenches",
+    "measurements",
+    "holding",
+)
 _COMMANDS = ("kinds", "wrenches", "target_poses", "target_twists")
 
 
