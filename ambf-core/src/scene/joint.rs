@@ -1,6 +1,6 @@
 //! A live joint: its frames, the constraint it becomes, what is read of it and what commands do to it.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 
@@ -287,12 +287,13 @@ impl Joint {
         self.target.reset();
     }
 
-    /// Stores a new position and the velocity that follows over `dt` s.
-    pub(crate) fn observe(&mut self, position: f64, dt: f64) {
+    /// Stores a new position and the velocity that follows over `dt` s, at the end of which the rate is `rate` or not known.
+    pub(crate) fn observe(&mut self, position: f64, dt: f64, rate: Option<f64>) {
         let mut difference = position - self.position;
-        if self.joint_type.is_angular() && difference.abs() > PI {
-            // Across ±π: the C++ program reports a spike.
-            difference -= TAU.copysign(difference);
+        if self.joint_type.is_angular() {
+            // Angles are known up to whole turns. Across ±π the C++ program reports a spike.
+            let turned = rate.unwrap_or_default() * dt;
+            difference -= TAU * ((difference - turned) / TAU).round();
         }
         self.velocity = if dt < 1e-5 { 0.0 } else { difference / dt };
         self.position = position;
@@ -586,6 +587,6 @@ mod tests {
                 assert!((turned - unit(v)).norm() < 2e-3, "{u} to {v} gives {turned}");
             }
         }
-        assert!((rotation_between(&Vector3::x(), &Vector3::y()).angle() - PI / 2.0).abs() < 1e-12);
+        assert!((rotation_between(&Vector3::x(), &Vector3::y()).angle() - TAU / 4.0).abs() < 1e-12);
     }
 }

@@ -464,7 +464,10 @@ impl Scene {
         for joint in &mut self.joints {
             // Joints of unknown type have no constraint: their position stays 0.
             if let Some(place) = joint.place {
-                joint.observe(buffer[place], dt);
+                let is_known = self.profile == Profile::Accurate && joint.joint_type == JointType::Revolute;
+                let handle = joint.handle.filter(|_| is_known);
+                let rate = handle.and_then(|handle| self.world.coordinate(handle)).map(|(_, rate)| rate);
+                joint.observe(buffer[place], dt, rate);
             }
         }
     }

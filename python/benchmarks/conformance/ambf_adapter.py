@@ -18,12 +18,13 @@ def mapping(keys: str, values: Vector) -> str:
 
 class Ambf(Simulator):
     def __init__(self, scene: Scene, step: float, profile: str) -> None:
-        folder = Path(tempfile.mkdtemp(prefix="conformance_"))
+        self.files = tempfile.TemporaryDirectory(prefix="conformance_")
+        folder = Path(self.files.name)
         self.scene = scene
         self.is_urdf = (
             any(j.damping or j.effort or j.speed or j.mimics or j.closes_loop for j in scene.joints)
             or urdf.has_massless_links(scene)
-            or any(0.0 in body.inertia for body in scene.bodies)
+            or any(body.mass > 0 and 0.0 in body.inertia for body in scene.bodies)
         )
         if self.is_urdf:
             files: List[Path] = list(urdf.robots(scene, folder, loops=True).values())
@@ -71,7 +72,8 @@ class Ambf(Simulator):
         return next(joint for joint in self.scene.joints if joint.name == name)
 
     def index(self, name: str) -> int:
-        return list(self.handle(self.joint(name).parent).joints).index(name)
+        # Names have no blanks.
+        return list(self.handle(self.joint(name).parent).joints).index(name.replace(" ", ""))
 
     def coordinate(self, joint: str) -> float:
         return float(self.handle(self.joint(joint).parent).joint_positions[self.index(joint)])
@@ -82,6 +84,8 @@ class Ambf(Simulator):
     def command(self, joint: str, kind: int, value: float) -> None:
         body = self.handle(self.joint(joint).parent)
         body.joint_kinds[self.index(joint)], body.joint_commands[self.index(joint)] = kind, value
+        # A command acts from the second iteration on.
+        self.sim.step(1)
 
     def apply_effort(self, joint: str, effort: float) -> None:
         self.command(joint, ambf.EFFORT, effort)
@@ -105,7 +109,7 @@ class Ambf(Simulator):
         handle.target_twist[:] = (*velocity, 0, 0, 0)
 
     def reaction(self, joint: str) -> float:
-        index = next(i for i, name in enumerate(self.sim.joints) if name.endswith(joint))
+        index = next(i for i, name in enumerate(self.sim.joints) if name.endswith(joint.replace(" ", "")))
         return float(np.linalg.norm(self.sim.joint_wrenches[index, :3]))
 
 

@@ -29,7 +29,8 @@ class PyBullet(Simulator):
         self.client = client = pybullet.connect(pybullet.DIRECT)
         pybullet.setTimeStep(step, client)
         pybullet.setGravity(*scene.gravity, physicsClientId=client)
-        folder = Path(tempfile.mkdtemp(prefix="conformance_"))
+        self.files = tempfile.TemporaryDirectory(prefix="conformance_")
+        folder = Path(self.files.name)
         # The base has the link −1; links are named after their joints' children.
         self.links: Dict[str, Tuple[int, int]] = {}
         self.joints: Dict[str, Tuple[int, int]] = {}
