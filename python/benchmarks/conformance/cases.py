@@ -457,7 +457,9 @@ def light_arm(make: Make, step: float) -> List[Row]:
     length, mass = 0.1, 0.005
     moments = box_inertia(mass, (length, 0.01, 0.01))
     bodies = [Body("base", 0.0)]
-    bodies += [Body(name, mass, moments, position=((i + 0.5) * length, 0, 0)) for i, name in enumerate(("upper", "lower"))]
+    bodies += [
+        Body(name, mass, moments, position=((i + 0.5) * length, 0, 0)) for i, name in enumerate(("upper", "lower"))
+    ]
     joints = [
         Joint("shoulder", "revolute", "base", "upper", (0, 0, 0), (0, 1, 0)),
         Joint("elbow", "revolute", "upper", "lower", (length, 0, 0), (0, 1, 0)),
