@@ -452,8 +452,8 @@ def joint_forces(make: Make, step: float) -> List[Row]:
 
 @case("Energy of a light arm")
 def light_arm(make: Make, step: float) -> List[Row]:
-    """A double pendulum of links of 0.1 m and 5 g swings for 10 s from the horizontal: greatest change of the total energy, as a share of the
-    drop."""
+    """A double pendulum of links of 0.1 m and 5 g swings for 10 s from the horizontal: greatest change of the total energy, as a share
+    of the drop."""
     length, mass = 0.1, 0.005
     moments = box_inertia(mass, (length, 0.01, 0.01))
     bodies = [Body("base", 0.0)]
