@@ -12,6 +12,8 @@ namespace {
 // Change of the internal energy, and of the angular momentum of a free base, that is tolerated as truncation error of a
 // step: as a share of the energy and of the work in the step, and of the angular momenta of all bodies.
 constexpr btScalar MAX_GROWTH = 1e-4;
+// Share of the length of a row for z that is rounding, beside couplings.
+constexpr btScalar COUPLED_ROUNDING = 1e-10;
 
 // [v] times a matrix: each column of the result is v x the column.
 btMatrix3x3 cross_matrix(const btVector3 &v, const btMatrix3x3 &m) {
@@ -1015,8 +1017,6 @@ void ArticulationDynamics::add_joint_jacobian(size_t body, const btVector3 &forc
 // Finds the rows of the couplings for z, made orthonormal by Gram and Schmidt's method. The rows of those whose joints nothing
 // can move are left out.
 void ArticulationDynamics::find_coupled_space() {
-  // Share of the length of a row that is rounding.
-  constexpr btScalar ROUNDING = 1e-10;
   const size_t n = velocity_size();
   coupling_rows.clear();
   coupled_velocity.resize(n);
@@ -1031,7 +1031,7 @@ void ArticulationDynamics::find_coupled_space() {
     remove_uncoupled(row);
     remove_uncoupled(row);
     const btScalar after = length();
-    if (!(after > ROUNDING * before)) continue;
+    if (!(after > COUPLED_ROUNDING * before)) continue;
     for (size_t k = 0; k < n; ++k) coupling_rows.push_back(row[k] / after);
   }
 }
@@ -1062,15 +1062,14 @@ void ArticulationDynamics::couple(Rate &rate) {
 }
 
 void ArticulationDynamics::normalise(btScalar *row) const {
-  // Share of a row that is rounding: the couplings hold what it would move.
-  constexpr btScalar ROUNDING = 1e-10;
+  // What is left is rounding where the couplings hold what the row would move.
   normalise_uncoupled(row);
   if (coupling_rows.empty()) return;
   const size_t n = velocity_size();
   const auto square = [&] { return std::inner_product(row, row + n, row, btScalar(0)); };
   const btScalar before = square();
   remove_uncoupled(row);
-  if (square() <= ROUNDING * ROUNDING * before) std::fill(row, row + n, 0);
+  if (square() <= COUPLED_ROUNDING * COUPLED_ROUNDING * before) std::fill(row, row + n, 0);
 }
 
 void ArticulationDynamics::normalise_uncoupled(btScalar *row) const {
