@@ -19,6 +19,7 @@
 #include <type_traits>
 
 #include "accurate_context.h"
+#include "approach.h"
 #include "approximation_energy.h"
 #include "contact_cache.h"
 #include "correction_damping.h"
@@ -444,7 +445,8 @@ class AccurateSolver : public Base {
   static bool bounces(const btMultiBodySolverConstraint &, const btContactSolverInfo &) { return false; }
 
   // Sets the separation velocity of impacts so that the energy after the impact is restitution^2 of that before,
-  // wherever within the sub-step the impact is. Contacts with a positive gap have no impulse before the bodies touch.
+  // wherever within the sub-step the impact is. Contacts with a positive gap have no impulse before the bodies touch, unless
+  // these would get through each other (ANTICIPATED).
   void apply_restitution(const btContactSolverInfo &info) {
     btConstraintArray &contacts = this->m_tmpSolverContactConstraintPool;
     const btScalar h = info.m_timeStep;
@@ -452,6 +454,7 @@ class AccurateSolver : public Base {
     for (int i = 0; i < contacts.size(); ++i) {
       btSolverConstraint &row = contacts[i];
       const auto &point = *static_cast<const btManifoldPoint *>(row.m_originalContactPoint);
+      bounce_velocities_[i] = std::min(btScalar(0), -(point.getDistance() + info.m_linearSlop) / h);
       if (!bounces(row, info)) continue;
       btScalar before, forced;
       find_velocity(row, before, forced);
@@ -459,11 +462,13 @@ class AccurateSolver : public Base {
       if (is_impact(before, info)) {
         const btScalar pull = std::max(btScalar(0), -forced / h);
         row.m_rhsPenetration = 0;
-        if (gap > 0) {
+        if (gap > 0 && !(point.m_contactPointFlags & ANTICIPATED)) {
           row.m_rhs = row.m_upperLimit = 0;
           continue;
         }
-        const btScalar target = separation_velocity(before, gap, pull, h, point.m_combinedRestitution);
+        const bool is_later = gap > -(before + forced) * h;
+        const btScalar target =
+            is_later ? -gap / h : separation_velocity(before, gap, pull, h, point.m_combinedRestitution);
         bounce_velocities_[i] = target;
         row.m_rhs = (target - before - forced) * row.m_jacDiagABInv;
       } else if (push > info.m_restitutionVelocityThreshold) {
@@ -474,10 +479,8 @@ class AccurateSolver : public Base {
     }
   }
 
-  // Velocity bias of a contact by restitution and by its gap, m/s.
-  btScalar contact_bias(const btConstraintArray &, int i, btScalar gap, btScalar h) const {
-    return gap > 0 ? -gap / h : bounce_velocities_[i];
-  }
+  // Velocity bias of a contact by restitution or by its gap, m/s.
+  btScalar contact_bias(const btConstraintArray &, int i, btScalar, btScalar) const { return bounce_velocities_[i]; }
   btScalar contact_bias(const btMultiBodyConstraintArray &, int i, btScalar gap, btScalar h) const {
     return this->link_bounces_[i] - std::max(gap, btScalar(0)) / h;
   }
@@ -497,7 +500,7 @@ class AccurateSolver : public Base {
     }
   }
 
-  // Separation velocity at the end of a sub-step of h s, m/s, of a contact with velocity before < 0, gap <= 0 (m) and
+  // Separation velocity at the end of a sub-step of h s, m/s, of a contact with velocity before < 0, gap (m) and
   // relative acceleration `pull` towards each other, m/s^2. Free motion conserves the energy per mass v^2 / 2 + pull (x
   // + k v / 2), where k = -h for Bullet's x += v' h and k = 0 for exact integration; the impact multiplies its value at
   // the surface by restitution^2.
@@ -507,7 +510,7 @@ class AccurateSolver : public Base {
     const btScalar kept = restitution * restitution * std::max(btScalar(0), energy);
     // The position at the end of the step is gap + v h.
     const btScalar linear = pull * (2 * h + k);
-    return std::max(btScalar(0), (btSqrt(linear * linear + 8 * (kept - pull * gap)) - linear) / 2);
+    return std::max(btScalar(0), (btSqrt(std::max(btScalar(0), linear * linear + 8 * (kept - pull * gap))) - linear) / 2);
   }
 
   // Removes friction impulses of contacts whose normal impulse became 0. Bullet skips these rows and keeps their last
@@ -1352,7 +1355,7 @@ class AccurateSolver : public Base {
   };
   Vector<JointSpan> joints_;
   ContactCache contacts_;
-  // Separation velocity of each contact of rigid bodies by restitution, m/s.
+  // Least velocity of each contact of rigid bodies after the solution, by restitution or by its gap, m/s.
   Vector<btScalar> bounce_velocities_;
 };
 

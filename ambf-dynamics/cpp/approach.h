@@ -60,9 +60,14 @@ class Approach {
   btScalar radii_[2] = {0, 0};
 };
 
+// Bit of btManifoldPoint::m_contactPointFlags: its bodies may get more than half through each other within the sub-step, so that
+// their impact has to be computed before they touch.
+constexpr int ANTICIPATED = 1 << 16;
+
 // Adds a contact to a manifold. `normal` and `point` are those of its second object. Unlike btManifoldResult it takes contacts
 // at any distance.
-inline void add_contact(btPersistentManifold &manifold, const btVector3 &normal, const btVector3 &point, btScalar distance) {
+inline void add_contact(btPersistentManifold &manifold, const btVector3 &normal, const btVector3 &point, btScalar distance,
+                        bool is_anticipated) {
   const btCollisionObject &first = *manifold.getBody0(), &second = *manifold.getBody1();
   const btVector3 on_first = point + normal * distance;
   btManifoldPoint made(first.getWorldTransform().invXform(on_first), second.getWorldTransform().invXform(point), normal,
@@ -73,6 +78,7 @@ inline void add_contact(btPersistentManifold &manifold, const btVector3 &normal,
   made.m_combinedRestitution = btManifoldResult::calculateCombinedRestitution(&first, &second);
   made.m_combinedRollingFriction = btManifoldResult::calculateCombinedRollingFriction(&first, &second);
   made.m_combinedSpinningFriction = btManifoldResult::calculateCombinedSpinningFriction(&first, &second);
+  if (is_anticipated) made.m_contactPointFlags |= ANTICIPATED;
   btPlaneSpace1(normal, made.m_lateralFrictionDir1, made.m_lateralFrictionDir2);
   const int known = manifold.getCacheEntry(made);
   if (known >= 0) {

@@ -52,10 +52,9 @@ class ConvexPair final : public btConvexConvexAlgorithm {
     normals_.turn(*first, *second);
     btConvexConvexAlgorithm::processCollision(first, second, info, result);
     // Both ends of a line are enough, also for a pair that approaches fast: round sides get no further while they roll.
-    if (!lines_->replace(*first, *second, *result)) {
-      near_->add(*first, *second, *result, info.m_timeStep);
-      if (is_deep(*result)) find_resting_points(first, second, info, result);
-    }
+    const bool has_lines = lines_->replace(*first, *second, *result);
+    near_->add(*first, *second, *result, info.m_timeStep, has_lines);
+    if (!has_lines && is_deep(*result)) find_resting_points(first, second, info, result);
     normals_.keep(*first, *second, *result);
   }
 

@@ -2,13 +2,14 @@
 #ifndef AMB_COUPLED_ROWS_H
 #define AMB_COUPLED_ROWS_H
 
-#include <BulletDynamics/ConstraintSolver/btNNCGConstraintSolver.h>
+#include <BulletDynamics/ConstraintSolver/btSequentialImpulseConstraintSolver.h>
 #include <BulletDynamics/MLCPSolvers/btMLCPSolver.h>
 
 #include <algorithm>
 #include <type_traits>
 
 #include "coupling.h"
+#include "solvers.h"
 
 // A row acts on the bodies of all joints of its coupling, which a row of Bullet, with two bodies, cannot: it is solved
 // after Bullet's rows in each iteration. Islands with such rows have no other solver than sequential impulses, or that of
@@ -49,7 +50,7 @@ class WithCouplings : public Base {
                                 int manifold_count, btTypedConstraint **constraints, int constraint_count,
                                 const btContactSolverInfo &info, btIDebugDraw *debug) override {
     // The directions of conjugate gradients do not know these rows.
-    constexpr bool has_directions = std::is_base_of_v<btNNCGConstraintSolver, Base>;
+    constexpr bool has_directions = std::is_base_of_v<ConjugateSolver, Base>;
     using Iterated = std::conditional_t<has_directions, btSequentialImpulseConstraintSolver, Base>;
     if (coupled_rows_.empty())
       return Base::solveSingleIteration(iteration, bodies, n, manifolds, manifold_count, constraints, constraint_count,

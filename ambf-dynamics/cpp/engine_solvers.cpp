@@ -3,7 +3,6 @@
 #include "soft_rows.h"
 #include "solvers.h"
 
-#include <BulletDynamics/ConstraintSolver/btNNCGConstraintSolver.h>
 #include <BulletDynamics/MLCPSolvers/btMLCPSolver.h>
 
 #include "accurate_solver.h"
@@ -16,7 +15,7 @@ std::unique_ptr<btConstraintSolver> soft_row_solver_of(int solver, btMLCPSolverI
                                                        const AccurateContext &accurate, EnergyLedger &ledger) {
   if (mlcp) return std::make_unique<WithLedger<WithSoftMatrix<WithCouplings<btMLCPSolver>>>>(ledger, mlcp);
   if (solver == AmbSolver_Nncg)
-    return std::make_unique<WithLedger<WithSoftRows<WithCouplings<btNNCGConstraintSolver>>>>(ledger);
+    return std::make_unique<WithLedger<WithSoftRows<WithCouplings<ConjugateSolver>>>>(ledger);
   if (solver == AmbSolver_WarmFriction)
     return std::make_unique<WithLedger<WithSoftRows<WithCouplings<WarmFrictionSolver>>>>(ledger);
   if (solver == AmbSolver_Accurate) {

@@ -148,7 +148,7 @@ bool LineContacts::replace(const btCollisionObjectWrapper &first, const btCollis
       const btVector3 &point = manifold.getContactPoint(i).getPositionWorldOnA();
       if (point.distance(on_first(0)) > threshold && point.distance(on_first(1)) > threshold) manifold.removeContactPoint(i);
     }
-    for (int i = 0; i < 2; ++i) add_contact(manifold, on_second, on_first(i) - on_second * distances[i], distances[i]);
+    for (int i = 0; i < 2; ++i) add_contact(manifold, on_second, on_first(i) - on_second * distances[i], distances[i], false);
     return true;
   }
   return false;

@@ -41,7 +41,8 @@ class Narrow final : public btTriangleCallback {
         approach_(approach),
         frame_(frame),
         correction_(correction),
-        reach_(reach_of(shape, mesh_margin, threshold, approach.bound() + correction)),
+        is_thin_(approach.bound() + correction > least_size(shape) / 2 + mesh_margin),
+        reach_(is_thin_ ? std::max(approach.bound() + correction, threshold) : threshold),
         is_box_(shape.getShapeType() == BOX_SHAPE_PROXYTYPE),
         sharp_box_(is_box_ ? static_cast<const btBoxShape &>(shape).getHalfExtentsWithMargin() : btVector3(1, 1, 1)) {
     sharp_box_.setMargin(0);
@@ -54,6 +55,8 @@ class Narrow final : public btTriangleCallback {
   const btVector3 &low() const { return low_; }
   const btVector3 &high() const { return high_; }
   btScalar reach() const { return reach_; }
+  // It may get more than half through the surface in the sub-step, and has its contacts before.
+  bool is_thin() const { return is_thin_; }
 
   void processTriangle(btVector3 *, int, int index) override {
     const MeshTopology::Triangle &triangle = mesh_.triangles[index];
@@ -82,13 +85,11 @@ class Narrow final : public btTriangleCallback {
   }
 
  private:
-  // A body that may get more than half through the surface in the sub-step has its contacts before.
-  static btScalar reach_of(const btConvexShape &shape, btScalar mesh_margin, btScalar threshold, btScalar most) {
-    if (!(most > threshold)) return threshold;
+  static btScalar least_size(const btConvexShape &shape) {
     btVector3 low, high;
     shape.getAabb(btTransform::getIdentity(), low, high);
     const btVector3 size = high - low;
-    return most > size[size.minAxis()] / 2 + mesh_margin ? most : threshold;
+    return size[size.minAxis()];
   }
 
   btVector3 core_support(const btVector3 &direction) const {
@@ -233,8 +234,11 @@ class Narrow final : public btTriangleCallback {
   // Axes of the mesh in the world, where the approach is known.
   const Approach &approach_;
   const btMatrix3x3 &frame_;
-  // Motion by the correction of a penetration, and the distance from which on there may be contacts, m.
-  const btScalar correction_, reach_;
+  // Motion by the correction of a penetration, m.
+  const btScalar correction_;
+  const bool is_thin_;
+  // Distance from which on there may be contacts, m.
+  const btScalar reach_;
   const bool is_box_;
   btBoxShape sharp_box_;
   btVector3 low_, high_;
@@ -305,10 +309,12 @@ class ConvexOnMesh final : public btCollisionAlgorithm {
     const btTransform pose = frame.inverseTimes(body.getWorldTransform());
     const Approach approach(*body.getCollisionObject(), *ground.getCollisionObject(), info.m_timeStep);
     btScalar reach = threshold;
+    bool is_thin = false;
     for (btScalar correction = 0;;) {
       Narrow narrow(memory_, topology, shape, pose, mesh.getMargin(), threshold, approach, frame.getBasis(), correction);
       if (correction > 0 && !(narrow.reach() > reach)) break;
       reach = narrow.reach();
+      is_thin = narrow.is_thin();
       memory_.found.clear();
       mesh.processAllTriangles(&narrow, narrow.low(), narrow.high());
       if (correction > 0) break;
@@ -337,9 +343,9 @@ class ConvexOnMesh final : public btCollisionAlgorithm {
         const btVector3 normal = frame.getBasis() * contact.normal, point = frame(contact.point);
         // Bullet asks for the normal and the point of the second object.
         if (is_mesh_first_) {
-          add_contact(*manifold, -normal, point + normal * contact.distance, contact.distance);
+          add_contact(*manifold, -normal, point + normal * contact.distance, contact.distance, is_thin);
         } else {
-          add_contact(*manifold, normal, point, contact.distance);
+          add_contact(*manifold, normal, point, contact.distance, is_thin);
         }
       }
     }

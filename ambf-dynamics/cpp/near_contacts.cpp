@@ -65,10 +65,17 @@ btScalar depth_of(const btPersistentManifold &manifold) {
   return depth;
 }
 
+bool is_apart(const btPersistentManifold &manifold) {
+  for (int i = 0; i < manifold.getNumContacts(); ++i) {
+    if (manifold.getContactPoint(i).getDistance() > 0) return true;
+  }
+  return false;
+}
+
 }  // namespace
 
 void NearContacts::add(const btCollisionObjectWrapper &first, const btCollisionObjectWrapper &second,
-                       btManifoldResult &result, btScalar h) {
+                       btManifoldResult &result, btScalar h, bool is_complete) {
   if (!result.getPersistentManifold()) return;
   btPersistentManifold &manifold = *result.getPersistentManifold();
   const btScalar threshold = manifold.getContactBreakingThreshold();
@@ -76,9 +83,9 @@ void NearContacts::add(const btCollisionObjectWrapper &first, const btCollisionO
   const Approach approach(one, other, h);
   const btScalar correction = Approach::of_correction(depth_of(manifold)), most = approach.bound() + correction;
   const Solid a(first), b(second);
-  const bool is_gap = a.is_box && b.is_box && manifold.getNumContacts() == 0 &&
-                      btManifoldResult::calculateCombinedRestitution(&one, &other) == 0;
-  if (!is_gap && !(most > threshold)) return;
+  const bool rebounds = btManifoldResult::calculateCombinedRestitution(&one, &other) > 0;
+  const bool is_gap = a.is_box && b.is_box && manifold.getNumContacts() == 0 && !rebounds;
+  if (!is_gap && !(most > threshold) && !(rebounds && is_apart(manifold))) return;
 
   btVector3 normal(0, 0, 0);
   if (manifold.getNumContacts() > 0) {
@@ -97,7 +104,8 @@ void NearContacts::add(const btCollisionObjectWrapper &first, const btCollisionO
   const btScalar closing = approach.along(normal) + correction, high_b = b.farthest(normal), low_a = -a.farthest(-normal);
   const btScalar thickness = a.farthest(normal) - low_a + high_b + b.farthest(-normal);
   const bool is_thin = closing > thickness / 2;
-  if (!is_gap && !is_thin) return;
+  for (int i = 0; is_thin && i < manifold.getNumContacts(); ++i) manifold.getContactPoint(i).m_contactPointFlags |= ANTICIPATED;
+  if (is_complete || (!is_gap && !(is_thin && most > threshold))) return;
   const btScalar reach = is_thin ? std::max(closing, threshold) : threshold;
   if (low_a - high_b > reach) return;
 
@@ -115,7 +123,7 @@ void NearContacts::add(const btCollisionObjectWrapper &first, const btCollisionO
   };
   const btScalar of_a = unevenness(features_[0]), of_b = unevenness(features_[1]);
   if (of_a == BT_LARGE_FLOAT && of_b == BT_LARGE_FLOAT) {
-    if (found.m_hasResult && found.m_distance < reach) add_contact(manifold, normal, found.m_pointInWorld, found.m_distance);
+    if (found.m_hasResult && found.m_distance < reach) add_contact(manifold, normal, found.m_pointInWorld, found.m_distance, is_thin);
     return;
   }
   const bool holds_b = of_a < of_b;
@@ -125,6 +133,6 @@ void NearContacts::add(const btCollisionObjectWrapper &first, const btCollisionO
     const btScalar height = normal.dot(point);
     const btScalar distance = holds_b ? low_a - height - b.margin() : height - a.margin() - high_b;
     if (!(distance < reach)) continue;
-    add_contact(manifold, normal, holds_b ? point + normal * b.margin() : point - normal * (a.margin() + distance), distance);
+    add_contact(manifold, normal, holds_b ? point + normal * b.margin() : point - normal * (a.margin() + distance), distance, is_thin);
   }
 }

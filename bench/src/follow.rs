@@ -12,7 +12,7 @@ use super::script::Script;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
     Good,
-    /// Finite and of bounded energy, but a joint opened or bodies sank into each other.
+    /// Finite and of bounded energy, but a joint opened, bodies sank into each other or went through one.
     Poor,
     /// Takes longer than real time, and far longer than `legacy`.
     Slow,
@@ -60,7 +60,7 @@ pub struct Outcome {
 impl Outcome {
     /// Of a scene that was not stepped.
     pub fn refused(message: String) -> Self {
-        let seen = Seen { energy: 0.0, gap: 0.0, depth: 0.0, speed: 0.0, since: f64::NAN };
+        let seen = Seen { energy: 0.0, gap: 0.0, depth: 0.0, speed: 0.0, passed: None, since: f64::NAN };
         Self { verdict: Verdict::Refused, seen, message: Some(message), cost: 0.0, worst: 0.0, steps: 0 }
     }
 }
@@ -94,7 +94,7 @@ pub fn follow(simulation: &mut Simulation, script: &Script, most: Duration) -> O
         () if message.is_some() => Verdict::Lost,
         () if seen.energy > 1.0 => Verdict::Energy,
         () if spent > most => Verdict::Slow,
-        () if seen.gap > 1.0 || seen.depth > 1.0 => Verdict::Poor,
+        () if seen.gap > 1.0 || seen.depth > 1.0 || seen.passed.is_some() => Verdict::Poor,
         () => Verdict::Good,
     };
     let micros = |time: Duration| time.as_secs_f64() * 1e6;

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 use ambf_core::adf;
-use ambf_core::bullet::{BodyHandle, Contact};
+use ambf_core::bullet::{BodyHandle, Contact, Ray, RayHit, RayTarget};
 use ambf_core::ids::BodyId;
 use ambf_core::scene::{Body, Joint, JointType, Scene};
 use ambf_core::sim::Simulation;
@@ -53,6 +53,15 @@ struct Pivot {
     worst: f64,
 }
 
+/// A body that no joint holds.
+struct Loose {
+    body: BodyId,
+    /// Where its centre of mass was when it was last looked at, m.
+    centre: Vector3<f64>,
+    /// Outward normal of the static surface that it went through and has not come back through, and when it did, s.
+    entered: Option<(Vector3<f64>, f64)>,
+}
+
 /// What was seen, each as a multiple of what is allowed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Seen {
@@ -61,6 +70,8 @@ pub struct Seen {
     pub depth: f64,
     /// Largest speed of a centre of mass, m/s.
     pub speed: f64,
+    /// A body without joints whose centre of mass went into or through a static one and has not come back, and when it did, s.
+    pub passed: Option<(BodyId, f64)>,
     /// When there was too much energy for the first time, s; NaN: never.
     pub since: f64,
 }
@@ -87,6 +98,8 @@ pub struct Watch {
     /// Largest penetration before they count, m.
     first_depth: f64,
     worst_depth: f64,
+    /// Bodies that no joint holds.
+    loose: Vec<Loose>,
     energy_ratio: f64,
     speed: f64,
     since: f64,
@@ -121,6 +134,7 @@ impl Watch {
             settled_from: settling(script),
             first_depth: 0.0,
             worst_depth: 0.0,
+            loose: loose(scene),
             energy_ratio: 0.0,
             speed: 0.0,
             since: f64::NAN,
@@ -201,6 +215,7 @@ impl Watch {
             }
         }
         if n.is_multiple_of(CONTACT_INTERVAL) {
+            self.look_for_passage(simulation);
             for (index, &body) in scene.world.bodies().iter().enumerate() {
                 scene.world.contacts(body, 0.0, &mut self.contacts);
                 let contacts = std::mem::take(&mut self.contacts);
@@ -219,6 +234,38 @@ impl Watch {
             }
         }
         self.judge_energy(simulation);
+    }
+
+    /// Follows the centres of mass of loose bodies through the surfaces of static ones.
+    fn look_for_passage(&mut self, simulation: &Simulation) {
+        let scene = simulation.scene();
+        // Planes fill a half space, which is left on the side where it was entered.
+        let has_two_sides = |body: &Body| {
+            use adf::{CollisionGeometry, Primitive};
+            let collision = collision(scene, body);
+            !matches!(collision, Some(CollisionGeometry::Primitive { primitive: Primitive::Plane { .. }, .. }))
+        };
+        let of_static = |hit: &RayHit| {
+            let RayTarget::Body(handle) = hit.target else { return false };
+            let mut hit = scene.bodies.iter().zip(scene.world.bodies()).filter(|(_, &other)| other == handle);
+            hit.any(|(body, _)| body.mass == 0.0 && has_two_sides(body))
+        };
+        for loose in &mut self.loose {
+            let pose = scene.world.pose(scene.world.bodies()[loose.body.index()]).unwrap_or_default();
+            let (from, to) = (std::mem::replace(&mut loose.centre, pose.translation.vector), pose.translation.vector);
+            let mut hits = [None; 2];
+            scene.world.cast_rays(&[Ray { from, to }, Ray { from: to, to: from }], &mut hits);
+            let [there, back] = hits.map(|hit| hit.filter(of_static).map(|hit| hit.normal));
+            // A ray meets a convex body only from outside, a mesh from both sides.
+            loose.entered = match (loose.entered, there, back) {
+                // Prescribed motion goes through walls.
+                _ if self.moved => None,
+                (None, Some(normal), _) => Some((normal, simulation.sim_time())),
+                (Some((normal, _)), Some(other), Some(_)) if normal.dot(&other) < 0.0 => None,
+                (Some((normal, _)), None, Some(other)) if normal.dot(&other) > 0.0 => None,
+                (entered, ..) => entered,
+            };
+        }
     }
 
     /// Energy that may be added where a body is pushed out of penetration, J: all bodies are lifted, or turn about one of
@@ -291,9 +338,26 @@ impl Watch {
             gap: self.pivots.iter().map(|pivot| pivot.worst).fold(0.0, f64::max),
             depth: self.worst_depth / depth,
             speed: self.speed,
+            passed: self.loose.iter().find_map(|loose| loose.entered.map(|(_, time)| (loose.body, time))),
             since: self.since,
         }
     }
+}
+
+/// What of a body collides, unless its model's bodies do not collide with each other.
+fn collision<'s>(scene: &'s Scene, body: &Body) -> Option<&'s adf::CollisionGeometry> {
+    let models = scene.models.iter().map(|model| &model.description).filter(|model| !model.ignore_inter_collision);
+    let described = models.flat_map(|model| &model.bodies).find(|described| described.common.source == body.source)?;
+    Some(&described.collision).filter(|collision| **collision != adf::CollisionGeometry::None)
+}
+
+/// Bodies that move, that no joint holds, and that collide with others of their model.
+fn loose(scene: &Scene) -> Vec<Loose> {
+    let joined = |id: BodyId| scene.joints.iter().any(|joint| joint.parent == id || joint.child == id);
+    let colliding = |body: &Body| collision(scene, body).is_some();
+    let loose = scene.bodies.entries().filter(|&(id, body)| body.mass > 0.0 && !joined(id) && colliding(body));
+    let centre = |id: BodyId| scene.world.pose(scene.world.bodies()[id.index()]).unwrap_or_default().translation.vector;
+    loose.map(|(body, _)| Loose { body, centre: centre(body), entered: None }).collect()
 }
 
 /// Sub-steps of [`SETTLED`].

@@ -1,6 +1,5 @@
 #include "solvers.h"
 
-#include <BulletDynamics/ConstraintSolver/btNNCGConstraintSolver.h>
 #include <BulletDynamics/MLCPSolvers/btDantzigSolver.h>
 #include <BulletDynamics/MLCPSolvers/btLemkeSolver.h>
 #include <BulletDynamics/MLCPSolvers/btMLCPSolver.h>
@@ -29,6 +28,50 @@ void WarmFrictionSolver::convertContacts(btPersistentManifold **manifolds, int n
   }
 }
 
+template <class Visit>
+void ConjugateSolver::for_each_row(Visit visit) {
+  int index = 0;
+  for (btConstraintArray *rows :
+       {&m_tmpSolverNonContactConstraintPool, &m_tmpSolverContactConstraintPool,
+        &m_tmpSolverContactFrictionConstraintPool, &m_tmpSolverContactRollingFrictionConstraintPool}) {
+    for (int i = 0; i < rows->size(); ++i) visit((*rows)[i], index++);
+  }
+}
+
+btScalar ConjugateSolver::solveSingleIteration(int iteration, btCollisionObject **bodies, int n,
+                                               btPersistentManifold **manifolds, int manifold_count,
+                                               btTypedConstraint **constraints, int constraint_count,
+                                               const btContactSolverInfo &info, btIDebugDraw *debug) {
+  if (iteration == 0) {
+    int count = 0;
+    for_each_row([&count](const btSolverConstraint &, int) { ++count; });
+    before_.resize(count);
+    direction_.resize(0);
+    direction_.resize(count, 0);
+    latest_ = 0;
+  }
+  for_each_row([this](const btSolverConstraint &row, int i) { before_[i] = row.m_appliedImpulse; });
+  const btScalar residual = btSequentialImpulseConstraintSolver::solveSingleIteration(
+      iteration, bodies, n, manifolds, manifold_count, constraints, constraint_count, info, debug);
+  btScalar change = 0;
+  for_each_row([&](const btSolverConstraint &row, int i) {
+    const btScalar by_row = row.m_appliedImpulse - before_[i];
+    if (row.m_jacDiagABInv > 0) change += by_row * by_row / row.m_jacDiagABInv;
+  });
+  // A change that has grown starts the directions anew. The last iteration leaves impulses that are within their bounds.
+  const btScalar share = change < latest_ && iteration + 1 < info.m_numIterations ? change / latest_ : 0;
+  latest_ = change;
+  for_each_row([&](btSolverConstraint &row, int i) {
+    const btScalar extra = share * direction_[i];
+    direction_[i] = extra + row.m_appliedImpulse - before_[i];
+    if (extra == 0) return;
+    row.m_appliedImpulse += extra;
+    apply(m_tmpSolverBodyPool[row.m_solverBodyIdA], row.m_contactNormal1, row.m_angularComponentA, extra);
+    apply(m_tmpSolverBodyPool[row.m_solverBodyIdB], row.m_contactNormal2, row.m_angularComponentB, extra);
+  });
+  return residual;
+}
+
 std::unique_ptr<btMLCPSolverInterface> mlcp_of(int solver) {
   switch (solver) {
     case AmbSolver_Dantzig: return std::make_unique<InArena<btDantzigSolver>>();
@@ -40,7 +83,7 @@ std::unique_ptr<btMLCPSolverInterface> mlcp_of(int solver) {
 
 std::unique_ptr<btConstraintSolver> solver_of(int solver, btMLCPSolverInterface *mlcp) {
   if (mlcp) return std::make_unique<btMLCPSolver>(mlcp);
-  if (solver == AmbSolver_Nncg) return std::make_unique<btNNCGConstraintSolver>();
+  if (solver == AmbSolver_Nncg) return std::make_unique<ConjugateSolver>();
   if (solver == AmbSolver_WarmFriction) return std::make_unique<WarmFrictionSolver>();
   return std::make_unique<btSequentialImpulseConstraintSolver>();
 }

@@ -1,8 +1,9 @@
 //! A [`Scene`] as the text of an ADF model file. Gravity is a key of the model, so that no world file is needed.
 
+use std::f64::consts::TAU;
 use std::fmt::Write;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::scene::{Body, Ghost, Joint, Kind, Scene, Sensor, Shape};
 
@@ -85,7 +86,21 @@ fn shape(shape: &Shape) -> String {
         Shape::Capsule(radius, height) => round("Capsule", *radius, *height),
         Shape::Cone(radius, height) => round("Cone", *radius, *height),
         Shape::Plane => "collision shape: Plane, collision geometry: {normal: {x: 0, y: 0, z: 1}, offset: 0}".into(),
+        Shape::Ring(inner, outer, height, boxes) => ring(*inner, *outer, *height, *boxes),
+        Shape::Ground(ground, side) => format!("collision mesh: {}, scale: {side:?}", ground.file()),
     }
+}
+
+/// Boxes whose inner faces touch the circle of the hole, and which meet at the outer radius.
+fn ring(inner: f64, outer: f64, height: f64, boxes: usize) -> String {
+    let angle = TAU / boxes as f64;
+    let size = Vector3::new(outer - inner, 2.0 * outer * (angle / 2.0).tan(), height);
+    let part = |n: usize| {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), n as f64 * angle);
+        let offset = Isometry3::from_parts((turn * Vector3::x() * ((inner + outer) / 2.0)).into(), turn);
+        format!("{{shape: Box, geometry: {}, offset: {}}}", vector(&size), pose(&offset))
+    };
+    format!("compound collision shape: [{}]", (0..boxes).map(part).collect::<Vec<_>>().join(", "))
 }
 
 fn joint(scene: &Scene, joint: &Joint) -> String {

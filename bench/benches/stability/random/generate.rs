@@ -6,6 +6,7 @@
 
 mod mechanisms;
 mod orders;
+mod parts;
 mod surroundings;
 
 use std::collections::BTreeSet;
@@ -107,6 +108,9 @@ pub fn scene(seed: u64, index: u64) -> Scene {
     draft.surroundings();
     draft.orders();
     couple(&mut draft.scene, draft.style.length, &mut dice::of(!seed, index));
+    // As above: draws of their own.
+    draft.dice = dice::of(seed.rotate_left(32), index);
+    draft.small_parts();
     draft.scene
 }
 

@@ -16,8 +16,11 @@ pub fn words(tried: &Tried) -> String {
 pub fn seen(outcome: &Outcome) -> String {
     let Outcome { seen, message, cost, .. } = outcome;
     let since = if seen.since.is_finite() { format!(" (from {:.4} s)", seen.since) } else { String::new() };
+    let passed = seen.passed.map_or(String::new(), |(body, time)| {
+        format!(", body {} of the list went through a static one by {time:.4} s", body.index())
+    });
     format!(
-        "energy × {:.3e}{since}, gap × {:.3e}, depth × {:.3e} of what is allowed, {:.3e} m/s, {cost:.0} µs{}",
+        "energy × {:.3e}{since}, gap × {:.3e}, depth × {:.3e} of what is allowed{passed}, {:.3e} m/s, {cost:.0} µs{}",
         seen.energy,
         seen.gap,
         seen.depth,

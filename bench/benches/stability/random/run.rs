@@ -14,7 +14,7 @@ use ambf_core::sim::Simulation;
 
 use super::adf;
 use super::follow::{follow, Outcome, Verdict};
-use super::scene::{Order, Scene};
+use super::scene::{Order, Scene, Shape};
 use super::script::{Action, Event, Script};
 
 /// Settings under which the same scenes are run.
@@ -65,7 +65,20 @@ pub fn with_cost(outcome: &Outcome, step: f64, legacy: Option<f64>) -> Verdict {
 }
 
 fn simulation(scene: &Scene, way: &str, path: &Path) -> Result<(Simulation, Script), String> {
-    std::fs::write(path, adf::model(scene)).map_err(|error| format!("{}: {error}", path.display()))?;
+    let write =
+        |path: &Path, text: String| std::fs::write(path, text).map_err(|error| format!("{}: {error}", path.display()));
+    write(path, adf::model(scene))?;
+    for shape in scene.bodies.iter().filter_map(|body| body.shape) {
+        if let Shape::Ground(ground, _) = shape {
+            let mesh = path.with_file_name(ground.file());
+            // Worlds that run at the same time share the file.
+            if !mesh.exists() {
+                let own = path.with_extension("obj");
+                write(&own, ground.text())?;
+                std::fs::rename(&own, &mesh).map_err(|error| format!("{}: {error}", mesh.display()))?;
+            }
+        }
+    }
     let files = SceneFiles { world: None, models: vec![path.to_owned()] };
     let loaded = load(&files, &SceneOptions { physics: physics(way), ..SceneOptions::default() });
     if loaded.report.errors() > 0 {

@@ -20,6 +20,76 @@ pub enum Shape {
     Cone(f64, f64),
     /// The plane z = 0 of the body frame.
     Plane,
+    /// Boxes around the z axis: radius of the hole, outer radius, height, number of boxes.
+    Ring(f64, f64, f64, usize),
+    /// A mesh of triangles, and the length of its side.
+    Ground(Ground, f64),
+}
+
+/// What a mesh of a ground looks like.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Relief {
+    Flat,
+    /// Waves of this height, as a share of the side.
+    Waves(f64),
+    /// Flat, with a wall of this height around it, as a share of the side.
+    Tray(f64),
+}
+
+/// A square of triangles about the origin, its side along x and y 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ground {
+    pub relief: Relief,
+    /// Cells along a side; each has two triangles.
+    pub cells: usize,
+}
+
+impl Ground {
+    /// Name of its file.
+    pub fn file(&self) -> String {
+        match self.relief {
+            Relief::Flat => format!("flat_{}.obj", self.cells),
+            Relief::Waves(height) => format!("waves_{}_{height}.obj", self.cells),
+            Relief::Tray(height) => format!("tray_{}_{height}.obj", self.cells),
+        }
+    }
+
+    /// Text of its file (Wavefront OBJ), the triangles counter-clockwise as seen from above and from inside.
+    pub fn text(&self) -> String {
+        let at = |i: usize| i as f64 / self.cells as f64 - 0.5;
+        let mut points = Vec::new();
+        for (j, i) in (0..=self.cells).flat_map(|j| (0..=self.cells).map(move |i| (j, i))) {
+            let (x, y) = (at(i), at(j));
+            let z = match self.relief {
+                Relief::Waves(height) => height / 2.0 * ((20.0 * x).sin() + (17.0 * y).cos()),
+                _ => 0.0,
+            };
+            points.push([x, y, z]);
+        }
+        let place = |i: usize, j: usize| j * (self.cells + 1) + i;
+        let mut squares: Vec<[usize; 4]> = (0..self.cells)
+            .flat_map(|j| (0..self.cells).map(move |i| (i, j)))
+            .map(|(i, j)| [place(i, j), place(i + 1, j), place(i + 1, j + 1), place(i, j + 1)])
+            .collect();
+        if let Relief::Tray(height) = self.relief {
+            let last = self.cells;
+            let edge = (0..last).map(|i| (i, 0)).chain((0..last).map(|j| (last, j)));
+            let edge = edge.chain((0..last).map(|i| (last - i, last))).chain((0..last).map(|j| (0, last - j)));
+            let edge: Vec<usize> = edge.map(|(i, j)| place(i, j)).collect();
+            let first = points.len();
+            edge.iter().for_each(|&low| points.push([points[low][0], points[low][1], height]));
+            squares.extend((0..edge.len()).map(|n| {
+                let next = (n + 1) % edge.len();
+                [edge[next], edge[n], first + n, first + next]
+            }));
+        }
+        let point = |[x, y, z]: &[f64; 3]| format!("v {x:?} {y:?} {z:?}\n");
+        let face = |[a, b, c, d]: &[usize; 4]| {
+            let [a, b, c, d] = [a + 1, b + 1, c + 1, d + 1];
+            format!("f {a} {b} {c}\nf {a} {c} {d}\n")
+        };
+        points.iter().map(point).chain(squares.iter().map(face)).collect()
+    }
 }
 
 /// Gains (P, D) of a Cartesian controller: linear, angular; and its output type.
@@ -66,7 +136,8 @@ impl Body {
                 Shape::Cylinder(radius, height) | Shape::Capsule(radius, height) | Shape::Cone(radius, height) => {
                     Vector3::new(2.0 * radius, 2.0 * radius, height)
                 }
-                Shape::Plane => Vector3::zeros(),
+                Shape::Ring(_, outer, height, _) => Vector3::new(2.0 * outer, 2.0 * outer, height),
+                Shape::Plane | Shape::Ground(..) => Vector3::zeros(),
             };
             let squares = size.component_mul(&size);
             self.inertia = Some((Vector3::repeat(squares.sum()) - squares) * (self.mass / 12.0));

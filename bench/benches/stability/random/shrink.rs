@@ -47,6 +47,7 @@ fn is_same(first: &Outcome, other: &Outcome) -> bool {
     other.verdict == first.verdict
         && match first.verdict {
             Verdict::Energy => near(first.seen.energy, other.seen.energy),
+            Verdict::Poor if first.seen.passed.is_some() => other.seen.passed.is_some(),
             Verdict::Poor if first.seen.gap > first.seen.depth => near(first.seen.gap, other.seen.gap),
             Verdict::Poor => near(first.seen.depth, other.seen.depth),
             _ => true,
