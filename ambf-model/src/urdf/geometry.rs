@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector3;
 
 use super::package::Packages;
-use super::xml::{quoted, Element, Id};
+use crate::xml::{quoted, Element, Id};
 use crate::adf::{Axis, Material, Part, PartGeometry, Primitive, ProblemKind, Severity, VisualPart};
 
 /// The materials that a robot defines, by itself or in its visuals.

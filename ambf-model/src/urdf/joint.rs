@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::xml::{quoted, Element};
+use crate::xml::{quoted, Element};
 use crate::adf::{
     ordered, Coupled, Coupling, DriveTrain, JointKind, Leader, Limits, ProblemKind, SixDofLimits, IMPULSE_STEP,
 };

@@ -3,7 +3,7 @@
 use super::geometry::{collisions, visuals, Materials};
 use super::inertia::Inertial;
 use super::package::Packages;
-use super::xml::Element;
+use crate::xml::Element;
 use crate::adf::{Part, VisualPart};
 
 /// A link as written.

@@ -137,7 +137,7 @@ class Simulation(Arrays):
         step: float = 0.001,
         plugins: Sequence[Path] = (),
     ) -> None:
-        """Loads `models` (ADF or URDF files), then those at `indexes` of the launch file's list, into the world of `world`, else of the
+        """Loads `models` (ADF, URDF or MJCF files), then those at `indexes` of the launch file's list, into the world of `world`, else of the
         launch file, else an empty one.
 
         `profile`: "legacy", "accurate" or "pybullet"; `solver`, `integrator`, `iterations`, `articulated`, `sleep`: as the options of
