@@ -80,7 +80,9 @@ mod tests {
 
     #[test]
     fn the_outermost_element_tells() {
-        for text in ["<mujoco/>", "\u{feff} <?xml version='1.0'?>\n<!-- <robot> -->\n<mujoco model='a'>", "<mujocoinclude>"] {
+        for text in
+            ["<mujoco/>", "\u{feff} <?xml version='1.0'?>\n<!-- <robot> -->\n<mujoco model='a'>", "<mujocoinclude>"]
+        {
             assert!(is_mjcf(text), "{text}");
         }
         for text in ["", "<robot/>", "<!-- <mujoco/>", "<!-- <mujoco/> --><robot>", "mujoco", "<mujocos>"] {

@@ -84,6 +84,21 @@ def last(name):
     return re.sub(r"^.*/env/[^/]*/", "", name)
 
 
+def fallen(mj, model, data, given):
+    """How far bodies that fall with MuJoCo are from where they fall with us, m, and their orientations, 1 - |cosine of half the angle|."""
+    mj.mj_resetData(model, data)
+    for _ in range(round(float(given["time"]) / SUB_STEP)):
+        mj.mj_step(model, data)
+    mj.mj_kinematics(model, data)
+    fall = 0.0
+    for name, pose in zip(given["names"], given["poses"]):
+        body = mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, str(name))
+        if body > 0:
+            fall = max(fall, np.abs(data.xpos[body] - pose[:3]).max())
+            fall = max(fall, np.abs(np.abs(data.xquat[body] @ pose[[6, 3, 4, 5]]) - 1))
+    return fall
+
+
 def mujoco(file, out):
     """Compares the numbers with MuJoCo's."""
     import mujoco as mj
@@ -114,7 +129,11 @@ def mujoco(file, out):
         if str(of("body")):
             turn = data.xmat[body].reshape(3, 3)
             arm = turn @ model.body_ipos[body]
-            change[dof : dof + 3, dof + 3 : dof + 6] = [[0, -arm[2], arm[1]], [arm[2], 0, -arm[0]], [-arm[1], arm[0], 0]]
+            change[dof : dof + 3, dof + 3 : dof + 6] = [
+                [0, -arm[2], arm[1]],
+                [arm[2], 0, -arm[0]],
+                [-arm[1], arm[0], 0],
+            ]
             change[dof + 3 : dof + 6, dof + 3 : dof + 6] = turn.T
         change = change[:, dofs]
         matrix, forces = np.zeros((model.nv, model.nv)), np.zeros(model.nv)
@@ -128,21 +147,13 @@ def mujoco(file, out):
             if theirs.size:
                 error = np.abs(mine - theirs).max() / max(np.abs(theirs).max(), 1e-12)
                 errors[what] = max(errors[what], error)
-    mj.mj_resetData(model, data)
-    for _ in range(round(float(given["time"]) / SUB_STEP)):
-        mj.mj_step(model, data)
-    mj.mj_kinematics(model, data)
-    fall = 0.0
-    for name, pose in zip(given["names"], given["poses"]):
-        body = mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, str(name))
-        if body > 0:
-            fall = max(fall, np.abs(data.xpos[body] - pose[:3]).max())
-            fall = max(fall, np.abs(np.abs(data.xquat[body] @ pose[[6, 3, 4, 5]]) - 1))
-    errors["fall"] = fall
+    errors["fall"] = fallen(mj, model, data, given)
     bodies = len({str(name) for name in given["names"]})
     text = ", ".join(f"{what} {error:.1e}" for what, error in errors.items())
     is_small = max(errors.values()) <= LARGEST
-    print(f"{'as it should be' if is_small else 'TOO MUCH':16} {pathlib.Path(file).name}: {model.nv} rates, {bodies} bodies: {text}")
+    print(
+        f"{'as it should be' if is_small else 'TOO MUCH':16} {pathlib.Path(file).name}: {model.nv} rates, {bodies} bodies: {text}"
+    )
     for other in given["others"]:
         print(f"    no tree: {other}")
     return is_small

@@ -8,8 +8,8 @@ use ambf_core::adf::{
     self, ColorTable, FileKind, InputDevices, Launch, LoadError, ObjectType, Outline, Report, SourcePos, World,
 };
 use ambf_core::files::{look, Found};
-use ambf_core::scene::{load, read_model, Loaded, Note, SceneFiles, SceneOptions};
 use ambf_core::robot;
+use ambf_core::scene::{load, read_model, Loaded, Note, SceneFiles, SceneOptions};
 
 use super::companions::{canonical, listed_names, Companions, Looked, Place};
 use super::files::Files;

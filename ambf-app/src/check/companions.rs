@@ -8,8 +8,8 @@ use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
 
 use ambf_core::adf::{Entry, Outline, Severity, SourcePos};
-use ambf_core::scene::{load, read_model, Loaded, Note, SceneFiles, SceneOptions};
 use ambf_core::robot;
+use ambf_core::scene::{load, read_model, Loaded, Note, SceneFiles, SceneOptions};
 
 use super::summary::{built, Counts};
 

@@ -127,7 +127,17 @@ impl World {
                 // Clusters count from 1 there.
                 let (cluster, outer) = (cluster + 1, outer.map_or(0, |outer| outer + 1));
                 let (raw, list) = (raw.as_ptr(), excluded.as_ptr());
-                sys::amb_body_set_filter(raw, model, member, cluster, outer, kind, affinity, list, excluded.len() as i32);
+                sys::amb_body_set_filter(
+                    raw,
+                    model,
+                    member,
+                    cluster,
+                    outer,
+                    kind,
+                    affinity,
+                    list,
+                    excluded.len() as i32,
+                );
             }
         }
         let handle = self.bodies.insert(OwnedBody {

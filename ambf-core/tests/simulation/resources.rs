@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use ambf_core::adf::{
     load, ColorTable, Description, InputDevices, JointKind, Launch, Model, Problem, RigidBody, World,
 };
-use ambf_core::scene::read_model;
 use ambf_core::robot::is_robot;
+use ambf_core::scene::read_model;
 use nalgebra::{Point3, Vector3};
 
 fn resources() -> PathBuf {

@@ -260,8 +260,9 @@ mod tests {
         assert!(near(extent(&sphere), [4.0; 3]));
         assert_eq!(sphere.triangles.len(), 32 * 31 * 2);
         assert!(sphere.positions.iter().all(|p| (Vector3::from(*p).norm() - 2.0).abs() < 1e-6));
-        let ellipsoid = drawn(&Primitive::Ellipsoid { radii: Vector3::new(1.0, 2.0, 3.0) });
-        let off = |p: &[f32; 3]| (Vector3::from(*p).component_div(&Vector3::new(1.0, 2.0, 3.0)).norm() - 1.0).abs();
+        let radii = Vector3::new(1.0, 1.2, 1.4);
+        let ellipsoid = drawn(&Primitive::Ellipsoid { radii });
+        let off = |p: &[f32; 3]| (Vector3::from(*p).cast::<f64>().component_div(&radii).norm() - 1.0).abs();
         assert!(ellipsoid.positions.iter().all(|p| off(p) < 1e-6));
         let cuboid = drawn(&Primitive::Box { size: Vector3::new(1.0, 2.0, 3.0) });
         assert!(near(extent(&cuboid), [1.0, 2.0, 3.0]) && (volume(&cuboid) - 6.0).abs() < 1e-6);

@@ -62,10 +62,31 @@ impl ActuatorText {
             return;
         }
         let read = [
-            &["name", "class", "joint", "jointinparent", "tendon", "site", "body", "slidersite", "cranksite", "refsite"][..],
+            &[
+                "name",
+                "class",
+                "joint",
+                "jointinparent",
+                "tendon",
+                "site",
+                "body",
+                "slidersite",
+                "cranksite",
+                "refsite",
+            ][..],
             &["gear", "ctrlrange", "ctrllimited", "forcerange", "forcelimited", "damping", "armature"],
             match tag {
-                "general" => &["gaintype", "gainprm", "biastype", "biasprm", "dyntype", "dynprm", "actlimited", "actrange", "actdim"],
+                "general" => &[
+                    "gaintype",
+                    "gainprm",
+                    "biastype",
+                    "biasprm",
+                    "dyntype",
+                    "dynprm",
+                    "actlimited",
+                    "actrange",
+                    "actdim",
+                ],
                 "position" => &["kp", "kv", "dampratio", "timeconst"],
                 "velocity" => &["kv"],
                 _ => &[],
@@ -74,7 +95,10 @@ impl ActuatorText {
         .concat();
         let unused = [
             ("it changes nothing that moves", &["group", "user", "cranklength", "lengthrange"][..]),
-            ("commands act at once and as they are", &["delay", "interp", "nsample", "actearly", "inheritrange", "input", "ffrange", "velrange"][..]),
+            (
+                "commands act at once and as they are",
+                &["delay", "interp", "nsample", "actearly", "inheritrange", "input", "ffrange", "velrange"][..],
+            ),
         ];
         finish(element, &read, &unused, &[]);
         if let Some(gear) = element.numbers_in("gear", 1..=6) {
@@ -122,7 +146,8 @@ impl ActuatorText {
                 *bias = *number;
             }
         }
-        let gains = [("fixed", ""), ("affine", "gaintype affine"), ("muscle", "gaintype muscle"), ("user", "gaintype user")];
+        let gains =
+            [("fixed", ""), ("affine", "gaintype affine"), ("muscle", "gaintype muscle"), ("user", "gaintype user")];
         if let Some(strange) = choice(element, "gaintype", &gains) {
             self.strange = strange;
         }
@@ -167,6 +192,9 @@ pub(super) struct Drive {
     most: Option<f64>,
 }
 
+/// Largest gain, armature or damping of an actuator that is taken for one: sums of them still are numbers.
+const MOST: f64 = 1e100;
+
 /// Joints by name that actuators drive.
 pub(super) type Drives = HashMap<String, Drive>;
 
@@ -189,48 +217,66 @@ pub(super) fn add<'a>(
         element.error(ProblemKind::UnknownValue, "", &quoted(strange), expected, left_out);
         return;
     }
-    let (joint, arm) = match (element.attribute("joint").or(element.attribute("jointinparent")), element.attribute("tendon")) {
-        (Some(joint), _) => match joints.get(joint) {
-            Some(true) => (joint.to_owned(), 1.0),
-            found => {
-                let expected = if found.is_some() { "a hinge or slide joint" } else { "the name of a joint" };
-                let key = if element.attribute("joint").is_some() { "joint" } else { "jointinparent" };
-                element.error(ProblemKind::UnknownValue, key, &quoted(joint), expected, left_out);
+    let (joint, arm) =
+        match (element.attribute("joint").or(element.attribute("jointinparent")), element.attribute("tendon")) {
+            (Some(joint), _) => match joints.get(joint) {
+                Some(true) => (joint.to_owned(), 1.0),
+                found => {
+                    let expected = if found.is_some() { "a hinge or slide joint" } else { "the name of a joint" };
+                    let key = if element.attribute("joint").is_some() { "joint" } else { "jointinparent" };
+                    element.error(ProblemKind::UnknownValue, key, &quoted(joint), expected, left_out);
+                    return;
+                }
+            },
+            (None, Some(tendon)) => match tendons.get(tendon) {
+                Some((joint, arm)) => (joint.clone(), *arm),
+                None => {
+                    let expected = "a fixed tendon of one joint, or of joints that equalities couple";
+                    element.error(ProblemKind::UnknownValue, "tendon", &quoted(tendon), expected, left_out);
+                    return;
+                }
+            },
+            (None, None) => {
+                element.error(ProblemKind::Absent, "joint", "", "a joint or a fixed tendon", left_out);
                 return;
             }
-        },
-        (None, Some(tendon)) => match tendons.get(tendon) {
-            Some((joint, arm)) => (joint.clone(), *arm),
-            None => {
-                let expected = "a fixed tendon of one joint, or of joints that equalities couple";
-                element.error(ProblemKind::UnknownValue, "tendon", &quoted(tendon), expected, left_out);
-                return;
-            }
-        },
-        (None, None) => {
-            element.error(ProblemKind::Absent, "joint", "", "a joint or a fixed tendon", left_out);
-            return;
-        }
-    };
+        };
     let gear = text.gear * arm;
     if gear == 0.0 || text.gain == 0.0 {
         element.warn(ProblemKind::OutOfRange, "gear", "0, as gear or gain", "another number", left_out);
         return;
     }
-    let drive = drives.entry(joint).or_default();
     let [constant, length, rate] = text.bias;
+    let square = gear * gear;
+    let gains = [square * length, square * rate, square * text.armature, square * text.damping, gear * text.gain];
+    if !gains.iter().all(|gain| gain.abs() <= MOST) {
+        element.error(
+            ProblemKind::OutOfRange,
+            "gear",
+            &format!("{gear:e} with the tendon"),
+            "smaller numbers",
+            left_out,
+        );
+        return;
+    }
+    let drive = drives.entry(joint).or_default();
     if constant != 0.0 {
         let found = format!("{constant} as its first number");
         element.warn(ProblemKind::OutOfRange, "biasprm", &found, "0", "there is no constant effort");
     }
     drive.armature += gear * gear * text.armature.max(0.0);
     drive.own_damping += gear * gear * text.damping.max(0.0);
-    let square = gear * gear;
     if length != 0.0 {
         if (length + text.gain).abs() > 1e-9 * text.gain.abs() {
             let found = format!("gain {} and bias {length}", text.gain);
             let action = "targets are positions, and the bias is the gain";
-            element.warn(ProblemKind::OutOfRange, "gainprm", &found, "a gain that is minus the bias of the length", action);
+            element.warn(
+                ProblemKind::OutOfRange,
+                "gainprm",
+                &found,
+                "a gain that is minus the bias of the length",
+                action,
+            );
         }
         drive.has_position = true;
         drive.stiffness += square * -length;

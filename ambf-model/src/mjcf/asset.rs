@@ -97,7 +97,18 @@ impl Default for MeshText {
 impl MeshText {
     pub fn apply(&mut self, element: &Element<'_>) {
         let read = [
-            "name", "class", "file", "scale", "inertia", "refpos", "refquat", "vertex", "face", "builtin", "params", "content_type",
+            "name",
+            "class",
+            "file",
+            "scale",
+            "inertia",
+            "refpos",
+            "refquat",
+            "vertex",
+            "face",
+            "builtin",
+            "params",
+            "content_type",
         ];
         let unused = [
             ("shapes are hulls of all vertices", &["maxhullvert"][..]),
@@ -105,7 +116,12 @@ impl MeshText {
         ];
         finish(element, &read, &unused, &["plugin"]);
         self.scale = element.vector("scale").unwrap_or(self.scale);
-        let words = [("exact", Some(MeshVolume::Exact)), ("legacy", Some(MeshVolume::Legacy)), ("convex", None), ("shell", None)];
+        let words = [
+            ("exact", Some(MeshVolume::Exact)),
+            ("legacy", Some(MeshVolume::Legacy)),
+            ("convex", None),
+            ("shell", None),
+        ];
         match choice(element, "inertia", &words) {
             Some(Some(volume)) => self.volume = volume,
             Some(None) => {
@@ -181,7 +197,8 @@ impl<'a> Assets<'a> {
 
     fn add_mesh(&mut self, element: &Element<'a>, text: &MeshText, compiler: &Compiler, folder: &Path) {
         let file = element.attribute("file");
-        let stem = || Path::new(file.unwrap_or_default()).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let stem =
+            || Path::new(file.unwrap_or_default()).file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let name = match element.attribute("name") {
             Some(_) => element.need_name("name", "a name").to_owned(),
             None => stem(),

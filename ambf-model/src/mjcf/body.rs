@@ -75,8 +75,20 @@ pub(super) struct Reading<'r, 'a> {
 
 /// What a body may hold.
 const INSIDE: [&str; 14] = [
-    "body", "inertial", "joint", "freejoint", "geom", "site", "camera", "light", "frame", "attach", "composite", "flexcomp",
-    "replicate", "plugin",
+    "body",
+    "inertial",
+    "joint",
+    "freejoint",
+    "geom",
+    "site",
+    "camera",
+    "light",
+    "frame",
+    "attach",
+    "composite",
+    "flexcomp",
+    "replicate",
+    "plugin",
 ];
 
 impl<'a> Reading<'_, 'a> {
@@ -133,7 +145,13 @@ impl<'a> Reading<'_, 'a> {
         let in_parent = outer * self.compiler.pose(&element, Isometry3::identity());
         let in_world = bodies.all[parent].in_world * in_parent;
         if choice(&element, "mocap", &BOOLEANS) == Some(true) && parent != 0 {
-            element.error(ProblemKind::Structure, "mocap", "inside another body", "a body of the world", "it is fixed there");
+            element.error(
+                ProblemKind::Structure,
+                "mocap",
+                "inside another body",
+                "a body of the world",
+                "it is fixed there",
+            );
         }
         bodies.all.push(Body {
             name,
@@ -219,7 +237,13 @@ impl<'a> Reading<'_, 'a> {
         }
         if bodies.all[index].is_free() || (text.kind == Kind::Free && (count > 0 || bodies.all[index].parent != 0)) {
             let expected = "a free joint as the only joint of a body of the world";
-            element.error(ProblemKind::Structure, "", "is a joint beside another one, or inside", expected, "it is left out");
+            element.error(
+                ProblemKind::Structure,
+                "",
+                "is a joint beside another one, or inside",
+                expected,
+                "it is left out",
+            );
             return;
         }
         let default = format!("{}_joint{}", bodies.all[index].name, count);
@@ -271,9 +295,7 @@ impl<'a> Reading<'_, 'a> {
         body.mass = Mass { mass, centre: pose.translation.vector, inertia: nalgebra::Matrix3::zeros() };
         let full: Option<[f64; 6]> = element.numbers("fullinertia");
         let (moments, axes) = match full {
-            Some([xx, yy, zz, xy, xz, yz]) => {
-                diagonalised(nalgebra::Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz))
-            }
+            Some([xx, yy, zz, xy, xz, yz]) => diagonalised(nalgebra::Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)),
             None => (element.vector("diaginertia").unwrap_or_default(), nalgebra::Rotation3::identity()),
         };
         let key = if full.is_some() { "fullinertia" } else { "diaginertia" };
@@ -297,6 +319,17 @@ impl<'a> Reading<'_, 'a> {
             let parts: Vec<Mass> = body.geoms.iter().filter_map(|geom| geom.mass).collect();
             body.mass = Mass::sum(&parts);
             body.principal = (body.mass.mass > 0.0).then(|| body.mass.principal());
+        }
+        let is_usable = |number: f64| number == 0.0 || number > 0.0 && number.is_finite() && number.recip().is_finite();
+        let moments = body.principal.map_or(Vector3::zeros(), |(moments, _)| moments);
+        let place = body.principal.map_or(Vector3::zeros(), |(_, pose)| pose.translation.vector);
+        let is_place = place.iter().all(|number| number.is_finite());
+        if !(is_usable(body.mass.mass) && moments.iter().all(|moment| is_usable(*moment)) && is_place) {
+            let [x, y, z]: [f64; 3] = moments.into();
+            let found = format!("{:.1e} kg with the principal moments {x:.1e}, {y:.1e}, {z:.1e}", body.mass.mass);
+            let expected = "numbers that can be divided by";
+            body.element.error(ProblemKind::OutOfRange, "inertial", &found, expected, "the body has no mass");
+            (body.mass, body.principal) = (Mass::default(), None);
         }
         if let (Some((moments, _)), false) = (&mut body.principal, body.is_static) {
             let Compiler { least_mass, least_moment, .. } = *self.compiler;

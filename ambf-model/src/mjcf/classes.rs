@@ -16,9 +16,35 @@ const MAX_CLASSES: usize = 10_000;
 
 /// Elements that have defaults here.
 const KINDS: [&str; 29] = [
-    "mesh", "material", "texture", "joint", "geom", "site", "camera", "light", "pair", "equality", "tendon", "general", "motor",
-    "position", "velocity", "intvelocity", "orientation", "pid", "damper", "cylinder", "muscle", "adhesion", "dcmotor", "default",
-    "plugin", "include", "skin", "flex", "body",
+    "mesh",
+    "material",
+    "texture",
+    "joint",
+    "geom",
+    "site",
+    "camera",
+    "light",
+    "pair",
+    "equality",
+    "tendon",
+    "general",
+    "motor",
+    "position",
+    "velocity",
+    "intvelocity",
+    "orientation",
+    "pid",
+    "damper",
+    "cylinder",
+    "muscle",
+    "adhesion",
+    "dcmotor",
+    "default",
+    "plugin",
+    "include",
+    "skin",
+    "flex",
+    "body",
 ];
 
 /// What the elements of a class have.

@@ -11,14 +11,18 @@ use super::joint::{Joint, Kind};
 use super::relation::Couplings;
 use super::settings::Options;
 use crate::adf::{
-    CollisionFilter, CollisionGeometry, CollisionMeshKind, Common, Controller, Coupling, DriveTrain, Joint as AdfJoint, JointKind,
-    Leader, Limits, Part, PartGeometry, Primitive, ProblemKind, RigidBody, SourcePos, Surface, Visual, VisualGeometry, VisualPart,
+    CollisionFilter, CollisionGeometry, CollisionMeshKind, Common, Controller, Coupling, DriveTrain, Joint as AdfJoint,
+    JointKind, Leader, Limits, Part, PartGeometry, Primitive, ProblemKind, RigidBody, SourcePos, Surface, Visual,
+    VisualGeometry, VisualPart,
 };
 
 /// Mass of a body that moves and has none, as a share of what moves with it: too little to be felt. In joints that are
 /// constraints between bodies such masses would give way: more there.
 const MASSLESS: f64 = 1e-8;
 const MASSLESS_IN_LOOPS: f64 = 1e-4;
+
+/// Least mass, kg, and moment, kg·m²: what can be divided by.
+const LEAST: f64 = 1e-200;
 
 /// Mass, kg, where nothing has one.
 const MASS: f64 = 1.0;
@@ -49,6 +53,8 @@ pub(super) fn joint_identifier(name: &str) -> String {
 #[derive(Default)]
 pub(super) struct Converted {
     pub bodies: Vec<RigidBody>,
+    /// The world is one of them.
+    pub has_world: bool,
     pub joints: Vec<AdfJoint>,
     /// Bodies without a mass carry others.
     pub has_massless: bool,
@@ -64,7 +70,8 @@ struct Load {
 pub(super) fn convert(bodies: &Bodies<'_>, context: &Context<'_>, drives: &Drives, couplings: &Couplings) -> Converted {
     let all = &bodies.all;
     let mut converted = Converted::default();
-    let loads = loads(all);
+    let share = if context.has_loops { MASSLESS_IN_LOOPS } else { MASSLESS };
+    let loads = loads(all, share);
     let clusters = clusters(all);
     let mut excluded: HashMap<usize, Vec<u32>> = HashMap::new();
     for &(a, b) in context.excluded {
@@ -82,8 +89,7 @@ pub(super) fn convert(bodies: &Bodies<'_>, context: &Context<'_>, drives: &Drive
             excluded: excluded.remove(&index).unwrap_or_default(),
         };
         check_masks(body);
-        let share = if context.has_loops { MASSLESS_IN_LOOPS } else { MASSLESS };
-        let massless = (share * load.mass, Vector3::repeat(share * load.moment));
+        let massless = ((share * load.mass).max(LEAST), Vector3::repeat((share * load.moment).max(LEAST)));
         let planes = body.geoms.iter().filter(|geom| geom.is_plane());
         for (number, plane) in planes.enumerate() {
             converted.bodies.extend(plane_body(body, plane, number, context, &filter));
@@ -91,6 +97,7 @@ pub(super) fn convert(bodies: &Bodies<'_>, context: &Context<'_>, drives: &Drive
         let has_rest = body.geoms.iter().any(|geom| !geom.is_plane());
         // The world itself is a body where it has shapes, or joints hold on it.
         if index > 0 || has_rest || is_held(all, 0) {
+            converted.has_world |= index == 0;
             converted.bodies.push(rigid_body(body, context, filter, massless));
         }
         if index > 0 && !body.is_static {
@@ -105,8 +112,9 @@ fn is_held(all: &[Body<'_>], index: usize) -> bool {
     all.iter().skip(1).any(|body| body.parent == index && !body.is_static && !body.is_free())
 }
 
-/// Of each body what it carries, itself included; of those without anything that weighs, what carries them.
-fn loads(all: &[Body<'_>]) -> Vec<Load> {
+/// Of each body what it carries, itself included; of those without anything that weighs, what carries them. `share`: the part of it
+/// that a body without a mass gets.
+fn loads(all: &[Body<'_>], share: f64) -> Vec<Load> {
     let mut loads: Vec<Load> = all
         .iter()
         .map(|body| Load { mass: body.mass.mass, moment: body.principal.map_or(0.0, |(moments, _)| moments.min()) })
@@ -126,7 +134,8 @@ fn loads(all: &[Body<'_>]) -> Vec<Load> {
             let action = format!("it has {MASS} kg, since it can move, and what it carries and hangs on has no mass");
             let expected = "an `inertial`, or geoms with a mass";
             body.element.warn(ProblemKind::Absent, "inertial", "", expected, &action);
-            loads[index] = Load { mass: MASS / MASSLESS, moment: 0.0 };
+            let mass = MASS / share;
+            loads[index] = Load { mass, moment: 0.4 * mass * RADIUS * RADIUS };
         }
     }
     loads
@@ -150,12 +159,20 @@ fn outer_cluster(all: &[Body<'_>], clusters: &[usize], index: usize, options: &O
 
 /// Names what is lost where a body has geoms that collide with different ones.
 fn check_masks(body: &Body<'_>) {
-    let mut masks = body.geoms.iter().filter(|geom| geom.collides()).map(|geom| (geom.text.contact, geom.text.affinity));
+    let mut masks =
+        body.geoms.iter().filter(|geom| geom.collides()).map(|geom| (geom.text.contact, geom.text.affinity));
     let Some(first) = masks.next() else { return };
     if masks.any(|other| other != first) {
         let found = "of different geoms are not the same";
         let action = "each of its geoms collides with what any of them does";
-        body.element.problem(crate::adf::Severity::Info, ProblemKind::OutOfRange, "contype", found, "one for the body", action);
+        body.element.problem(
+            crate::adf::Severity::Info,
+            ProblemKind::OutOfRange,
+            "contype",
+            found,
+            "one for the body",
+            action,
+        );
     }
 }
 
@@ -180,11 +197,8 @@ fn plane_body(
     if plane.collides() && context.options.has_contacts {
         made.collision = CollisionGeometry::Primitive { primitive: primitive.clone(), offset: None };
         made.surface = surface(std::iter::once(plane));
-        made.collision_filter = Some(CollisionFilter {
-            kind: plane.text.contact,
-            affinity: plane.text.affinity,
-            ..filter.clone()
-        });
+        made.collision_filter =
+            Some(CollisionFilter { kind: plane.text.contact, affinity: plane.text.affinity, ..filter.clone() });
     }
     if plane.is_drawn() {
         // About its own middle: that of the description has its place.
@@ -220,7 +234,12 @@ fn still(name: &str, body: &Body<'_>, context: &Context<'_>) -> RigidBody {
     }
 }
 
-fn rigid_body(body: &Body<'_>, context: &Context<'_>, filter: CollisionFilter, massless: (f64, Vector3<f64>)) -> RigidBody {
+fn rigid_body(
+    body: &Body<'_>,
+    context: &Context<'_>,
+    filter: CollisionFilter,
+    massless: (f64, Vector3<f64>),
+) -> RigidBody {
     let mut made = still(&body.name, body, context);
     made.location = body.in_world;
     let solid = || body.geoms.iter().filter(|geom| !geom.is_plane());
@@ -273,7 +292,11 @@ fn surface<'g>(geoms: impl Iterator<Item = &'g Geom<'g>>) -> Surface {
         static_friction: first.map_or(1.0, sliding),
         rolling_friction: Some(first.map_or(0.0, |geom| {
             const WITH_ROLLING: f64 = 6.0;
-            if geom.text.dimensions >= WITH_ROLLING { geom.text.friction[2].max(0.0) } else { 0.0 }
+            if geom.text.dimensions >= WITH_ROLLING {
+                geom.text.friction[2].max(0.0)
+            } else {
+                0.0
+            }
         })),
         linear_damping: 0.0,
         angular_damping: 0.0,
@@ -284,7 +307,11 @@ fn surface<'g>(geoms: impl Iterator<Item = &'g Geom<'g>>) -> Surface {
 /// Sliding friction of a geom.
 fn sliding(geom: &Geom<'_>) -> f64 {
     const WITHOUT_FRICTION: f64 = 1.0;
-    if geom.text.dimensions <= WITHOUT_FRICTION { 0.0 } else { geom.text.friction[0].max(0.0) }
+    if geom.text.dimensions <= WITHOUT_FRICTION {
+        0.0
+    } else {
+        geom.text.friction[0].max(0.0)
+    }
 }
 
 /// Adds the joints that lead to a body, and the bodies between several of them.
@@ -318,8 +345,8 @@ fn join(
                 let mut between = still(&name, body, context);
                 between.common.passive = true;
                 between.location = body.in_world;
-                between.mass = if massless.0 > 0.0 { massless.0 } else { MASSLESS * MASS };
-                between.inertia = Some(massless.1).filter(|moments| moments.min() > 0.0).or(Some(Vector3::repeat(between.mass * RADIUS * RADIUS)));
+                between.mass = massless.0;
+                between.inertia = Some(massless.1);
                 let identifier = between.common.identifier.clone();
                 converted.bodies.push(between);
                 identifier

@@ -86,12 +86,36 @@ impl Default for GeomText<'_> {
 
 impl<'a> GeomText<'a> {
     pub fn apply(&mut self, element: &Element<'a>, compiler: &Compiler) {
-        let read = [
-            &["name", "class", "type", "size", "fromto", "contype", "conaffinity", "condim", "friction", "group", "priority", "mass"][..],
-            &["density", "shellinertia", "material", "rgba", "mesh", "hfield", "fitscale", "adhesion", "surfacevel"][..],
-            &POSE,
-        ]
-        .concat();
+        let read =
+            [
+                &[
+                    "name",
+                    "class",
+                    "type",
+                    "size",
+                    "fromto",
+                    "contype",
+                    "conaffinity",
+                    "condim",
+                    "friction",
+                    "group",
+                    "priority",
+                    "mass",
+                ][..],
+                &[
+                    "density",
+                    "shellinertia",
+                    "material",
+                    "rgba",
+                    "mesh",
+                    "hfield",
+                    "fitscale",
+                    "adhesion",
+                    "surfacevel",
+                ][..],
+                &POSE,
+            ]
+            .concat();
         let unused = [
             SOFT,
             ("it changes nothing that moves", &["user", "castshadow"][..]),
@@ -141,7 +165,13 @@ pub(super) struct Geom<'a> {
 
 impl<'a> Geom<'a> {
     /// The shape of a geom whose frame is `outer` in the body's; `None`, reported, if there is none of use.
-    pub fn new(element: Element<'a>, text: GeomText<'a>, outer: &Isometry3<f64>, assets: &Assets<'a>, needs_mass: bool) -> Option<Self> {
+    pub fn new(
+        element: Element<'a>,
+        text: GeomText<'a>,
+        outer: &Isometry3<f64>,
+        assets: &Assets<'a>,
+        needs_mass: bool,
+    ) -> Option<Self> {
         let name = element.attribute("name").map(|_| element.need_name("name", "a name").to_owned());
         let mut pose = text.pose;
         let mut size = text.size;

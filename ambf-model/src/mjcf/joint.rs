@@ -77,10 +77,25 @@ impl Default for JointText {
 impl JointText {
     pub fn apply(&mut self, element: &Element<'_>) {
         let read = [
-            "name", "class", "type", "pos", "axis", "range", "limited", "ref", "springref", "stiffness", "damping", "frictionloss",
-            "armature", "actuatorfrcrange", "actuatorfrclimited", "springdamper",
+            "name",
+            "class",
+            "type",
+            "pos",
+            "axis",
+            "range",
+            "limited",
+            "ref",
+            "springref",
+            "stiffness",
+            "damping",
+            "frictionloss",
+            "armature",
+            "actuatorfrcrange",
+            "actuatorfrclimited",
+            "springdamper",
         ];
-        let unused = [SOFT, ("it changes nothing that moves", &["group", "user", "actuatorgravcomp", "springyield"][..])];
+        let unused =
+            [SOFT, ("it changes nothing that moves", &["group", "user", "actuatorgravcomp", "springyield"][..])];
         finish(element, &read, &unused, &[]);
         let kinds = [("free", Kind::Free), ("ball", Kind::Ball), ("slide", Kind::Slide), ("hinge", Kind::Hinge)];
         self.kind = choice(element, "type", &kinds).unwrap_or(self.kind);
@@ -158,7 +173,12 @@ impl<'a> Joint<'a> {
         let is_limited = text.limited.counts(text.range, compiler);
         if !joint.has_coordinate() {
             // A free joint has none of these, whatever its defaults are.
-            let lost = [("damping", text.damping), ("stiffness", text.stiffness), ("frictionloss", text.friction), ("armature", text.armature)];
+            let lost = [
+                ("damping", text.damping),
+                ("stiffness", text.stiffness),
+                ("frictionloss", text.friction),
+                ("armature", text.armature),
+            ];
             for (name, value) in lost.into_iter().filter(|(_, value)| kind == Kind::Ball && *value != 0.0) {
                 joint.lose(name, value);
             }
@@ -177,7 +197,9 @@ impl<'a> Joint<'a> {
             damping: text.damping,
             armature: text.armature,
             friction: text.friction,
-            max_effort: most.then(|| text.effort_range.map(f64::abs).into_iter().fold(0.0, f64::max)).filter(|most| *most > 0.0),
+            max_effort: most
+                .then(|| text.effort_range.map(f64::abs).into_iter().fold(0.0, f64::max))
+                .filter(|most| *most > 0.0),
             max_rate: None,
         };
         joint
@@ -192,11 +214,24 @@ impl<'a> Joint<'a> {
         let Some(Limits { low, high }) = self.limits else { return };
         let found = format!("a range from {low} to {high}");
         if high < low {
-            self.element.error(ProblemKind::OutOfRange, "range", &found, "the lower end first", "the joint is unlimited");
+            self.element.error(
+                ProblemKind::OutOfRange,
+                "range",
+                &found,
+                "the lower end first",
+                "the joint is unlimited",
+            );
             self.limits = None;
         } else if self.kind == Kind::Hinge && high - low >= std::f64::consts::TAU {
             let expected = "less than a turn, which angles are measured in";
-            self.element.problem(Severity::Info, ProblemKind::OutOfRange, "range", &found, expected, "the joint is unlimited");
+            self.element.problem(
+                Severity::Info,
+                ProblemKind::OutOfRange,
+                "range",
+                &found,
+                expected,
+                "the joint is unlimited",
+            );
             self.limits = None;
         }
     }
@@ -205,7 +240,6 @@ impl<'a> Joint<'a> {
     pub fn has_coordinate(&self) -> bool {
         matches!(self.kind, Kind::Hinge | Kind::Slide)
     }
-
 
     /// Pose of the body in a frame that stands where the body does as written, at coordinate `q`, rad or m.
     pub fn pose(&self, q: f64) -> Isometry3<f64> {

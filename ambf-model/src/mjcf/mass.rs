@@ -33,7 +33,8 @@ impl Mass {
         let centre = parts.iter().map(|part| part.centre * (part.mass / mass)).sum::<Vector3<f64>>();
         let about = |part: &Self| {
             let apart = part.centre - centre;
-            part.inertia + (Matrix3::from_diagonal_element(apart.norm_squared()) - apart * apart.transpose()) * part.mass
+            part.inertia
+                + (Matrix3::from_diagonal_element(apart.norm_squared()) - apart * apart.transpose()) * part.mass
         };
         Self { mass, centre, inertia: parts.iter().map(about).sum() }
     }

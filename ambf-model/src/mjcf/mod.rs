@@ -29,9 +29,7 @@ use roxmltree::Document;
 
 pub use source::Surroundings;
 
-use crate::adf::{
-    read_bytes, text_of, Joint as AdfJoint, JointKind, LoadError, Model, ProblemKind, Report, Severity,
-};
+use crate::adf::{read_bytes, text_of, Joint as AdfJoint, JointKind, LoadError, Model, ProblemKind, Report, Severity};
 use crate::mesh::Sources;
 use crate::xml::{quoted, Element, File};
 use actuator::{ActuatorText, Drives};
@@ -94,8 +92,22 @@ pub fn parse_with_files(
 
 /// Sections of a description.
 const SECTIONS: [&str; 16] = [
-    "compiler", "option", "size", "visual", "statistic", "default", "asset", "worldbody", "contact", "equality", "tendon", "actuator",
-    "sensor", "keyframe", "custom", "extension",
+    "compiler",
+    "option",
+    "size",
+    "visual",
+    "statistic",
+    "default",
+    "asset",
+    "worldbody",
+    "contact",
+    "equality",
+    "tendon",
+    "actuator",
+    "sensor",
+    "keyframe",
+    "custom",
+    "extension",
 ];
 
 fn read(source: &Source<'_>, surroundings: Surroundings, path: &Path) -> (Model, Sources) {
@@ -124,7 +136,12 @@ fn read(source: &Source<'_>, surroundings: Surroundings, path: &Path) -> (Model,
     let equalities: Vec<Element<'_>> = sections("equality")
         .iter()
         .flat_map(|section| {
-            finish(section, &[], &[], &["connect", "weld", "joint", "tendon", "flex", "distance", "flexvert", "flexstrain"]);
+            finish(
+                section,
+                &[],
+                &[],
+                &["connect", "weld", "joint", "tendon", "flex", "distance", "flexvert", "flexstrain"],
+            );
             source.elements(section)
         })
         .filter(|_| options.has_equalities)
@@ -134,10 +151,11 @@ fn read(source: &Source<'_>, surroundings: Surroundings, path: &Path) -> (Model,
     let arms = tendons.arms(&couplings);
     let mut drives = Drives::new();
     for section in sections("actuator") {
-        let kinds: Vec<&str> = ["general", "motor", "position", "velocity", "intvelocity", "orientation", "pid", "damper"]
-            .into_iter()
-            .chain(["cylinder", "muscle", "adhesion", "dcmotor", "plugin"])
-            .collect();
+        let kinds: Vec<&str> =
+            ["general", "motor", "position", "velocity", "intvelocity", "orientation", "pid", "damper"]
+                .into_iter()
+                .chain(["cylinder", "muscle", "adhesion", "dcmotor", "plugin"])
+                .collect();
         finish(&section, &[], &[], &kinds);
         for element in source.elements(&section).iter().filter(|_| options.has_actuators) {
             let mut text = classes.of(element, None).actuator.clone();
@@ -197,7 +215,13 @@ fn excluded(sections: &[Element<'_>], source: &Source<'_>, bodies: &Bodies<'_>) 
                     let found = bodies.by_name.get(name).copied();
                     if found.is_none() && !name.is_empty() {
                         let expected = "the name of a body";
-                        element.error(ProblemKind::UnknownValue, key, &quoted(name), expected, "the pair is not excluded");
+                        element.error(
+                            ProblemKind::UnknownValue,
+                            key,
+                            &quoted(name),
+                            expected,
+                            "the pair is not excluded",
+                        );
                     }
                     found
                 };
@@ -208,7 +232,9 @@ fn excluded(sections: &[Element<'_>], source: &Source<'_>, bodies: &Bodies<'_>) 
                 let geom = |key: &'static str| bodies.geoms.get(element.need(key, "the name of a geom")).copied();
                 let masks = |body: usize| {
                     let geoms = &bodies.all[body].geoms;
-                    geoms.iter().fold((0, 0), |(kind, affinity), geom| (kind | geom.text.contact, affinity | geom.text.affinity))
+                    geoms.iter().fold((0, 0), |(kind, affinity), geom| {
+                        (kind | geom.text.contact, affinity | geom.text.affinity)
+                    })
                 };
                 let [a, b] = [geom("geom1"), geom("geom2")];
                 let collide = a.zip(b).is_some_and(|(a, b)| {
@@ -219,7 +245,13 @@ fn excluded(sections: &[Element<'_>], source: &Source<'_>, bodies: &Bodies<'_>) 
                     let action = "the bodies collide as their geoms say, with the friction of these";
                     element.problem(Severity::Info, ProblemKind::IgnoredKey, "", "", "", action);
                 } else {
-                    element.error(ProblemKind::IgnoredKey, "", "", "", "the geoms do not collide: give them `contype` and `conaffinity`");
+                    element.error(
+                        ProblemKind::IgnoredKey,
+                        "",
+                        "",
+                        "",
+                        "the geoms do not collide: give them `contype` and `conaffinity`",
+                    );
                 }
             }
         }
@@ -325,7 +357,8 @@ fn close(loops: &[Loop<'_>], bodies: &Bodies<'_>, context: &Context<'_>, convert
     for (number, Loop { element, kind, ends }) in loops.iter().enumerate() {
         let name = element.attribute("name").map_or_else(|| format!("equality{number}"), str::to_owned);
         let [(first, in_first), (second, in_second)] = ends;
-        if [*first, *second].contains(&0) && !converted.bodies.iter().any(|body| body.common.identifier == "BODY world") {
+        if [*first, *second].contains(&0) && !converted.has_world {
+            converted.has_world = true;
             converted.bodies.push(convert::world(&bodies.all[0], context));
         }
         let joint = AdfJoint {

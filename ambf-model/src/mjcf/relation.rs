@@ -12,6 +12,9 @@ use crate::xml::{quoted, Element};
 /// A sum of coordinates of joints, each times a number.
 type Sum = BTreeMap<String, f64>;
 
+/// Most couplings that are followed to find out which joint a tendon moves.
+const MOST_STEPS: usize = 1000;
+
 /// Fixed tendons by name.
 pub(super) struct Tendons<'a>(HashMap<&'a str, Sum>);
 
@@ -34,7 +37,17 @@ pub(super) fn tendons<'a>(sections: &[Element<'a>], source: &Source<'a>, bodies:
                 SOFT,
                 (
                     "it changes nothing that moves",
-                    &["group", "user", "limited", "springlength", "springyield", "actuatorfrclimited", "width", "material", "rgba"][..],
+                    &[
+                        "group",
+                        "user",
+                        "limited",
+                        "springlength",
+                        "springyield",
+                        "actuatorfrclimited",
+                        "width",
+                        "material",
+                        "rgba",
+                    ][..],
                 ),
             ];
             finish(&element, &read, &unused, &["joint"]);
@@ -65,11 +78,7 @@ pub(super) fn tendons<'a>(sections: &[Element<'a>], source: &Source<'a>, bodies:
 }
 
 /// Reads equalities of kind `joint` and `tendon`.
-pub(super) fn couplings<'a>(
-    equalities: &[Element<'a>],
-    tendons: &Tendons<'a>,
-    bodies: &Bodies<'a>,
-) -> Couplings {
+pub(super) fn couplings<'a>(equalities: &[Element<'a>], tendons: &Tendons<'a>, bodies: &Bodies<'a>) -> Couplings {
     let references: HashMap<&str, f64> =
         bodies.all.iter().flat_map(|body| &body.joints).map(|joint| (joint.name.as_str(), joint.reference)).collect();
     let mut found: BTreeMap<String, (Coupling, Element<'a>)> = BTreeMap::new();
@@ -89,10 +98,12 @@ pub(super) fn couplings<'a>(
             let name = element.need(key, "a name");
             let sum = match is_joint {
                 true => (bodies.joints.get(name) == Some(&true)).then(|| Sum::from([(name.to_owned(), 1.0)])),
-                false => tendons.0.get(name).filter(|sum| !sum.is_empty()).cloned(),
+                // Longer ones would be refused below.
+                false => tendons.0.get(name).filter(|sum| !sum.is_empty() && sum.len() <= MAX_LEADERS + 1).cloned(),
             };
             if sum.is_none() && !name.is_empty() {
-                let expected = if is_joint { "a hinge or slide joint" } else { "a fixed tendon" };
+                let tendon = format!("a fixed tendon of 1 to {} joints", MAX_LEADERS + 1);
+                let expected = if is_joint { "a hinge or slide joint" } else { &tendon };
                 element.error(ProblemKind::UnknownValue, key, &quoted(name), expected, left_out);
             }
             sum
@@ -130,6 +141,11 @@ pub(super) fn couplings<'a>(
         let reference = |joint: &String| references.get(joint.as_str()).copied().unwrap_or(0.0);
         let offset = polynomial[0] / own + reference(&follower)
             - rest.iter().map(|(joint, ratio)| ratio * reference(joint)).sum::<f64>();
+        if !(offset.is_finite() && rest.values().all(|ratio| ratio.is_finite())) {
+            let found = "too large or too small numbers";
+            element.error(ProblemKind::OutOfRange, "polycoef", found, "ratios of joints", left_out);
+            continue;
+        }
         if rest.len() > MAX_LEADERS {
             let found_text = format!("{} joints", rest.len() + 1);
             element.error(ProblemKind::OutOfRange, "", &found_text, &format!("at most {}", MAX_LEADERS + 1), left_out);
@@ -175,24 +191,36 @@ impl<'a> Tendons<'a> {
     pub fn arms(&self, couplings: &Couplings) -> TendonArms<'a> {
         let described: Vec<Coupled<'_>> = described(couplings.iter().map(|(name, coupling)| (name, coupling)));
         let (followers, _) = ordered(&described);
+        let rank: HashMap<&str, usize> =
+            followers.iter().enumerate().map(|(rank, &index)| (described[index].name, rank)).collect();
+        // A tendon over one joint in the end; `None` for others, and those of very many.
         let reduced = |sum: &Sum| {
-            let mut sum = sum.clone();
-            // Followers are replaced by their leaders, each before those that it follows.
-            for &follower in followers.iter().rev() {
-                let name = described[follower].name;
-                let Some(by) = sum.remove(name) else { continue };
-                for leader in &couplings[name].leaders {
-                    *sum.entry(leader.joint.clone()).or_default() += by * leader.ratio;
+            let mut followers: BTreeMap<usize, (&str, f64)> = BTreeMap::new();
+            let mut free: BTreeMap<&str, f64> = BTreeMap::new();
+            let mut waiting: Vec<(&str, f64)> = sum.iter().map(|(joint, by)| (joint.as_str(), *by)).collect();
+            for _ in 0..MOST_STEPS {
+                for (joint, by) in waiting.drain(..) {
+                    match rank.get(joint) {
+                        Some(&rank) => followers.entry(rank).or_insert((joint, 0.0)).1 += by,
+                        // What stands still does not count.
+                        None if couplings.contains_key(joint) => (),
+                        None => *free.entry(joint).or_default() += by,
+                    }
                 }
+                // The last of those that follow is replaced by what it follows.
+                let Some((_, (joint, by))) = followers.pop_last() else {
+                    free.retain(|_, by| *by != 0.0);
+                    let mut all = free.into_iter();
+                    return all.next().filter(|_| all.next().is_none()).map(|(joint, by)| (joint.to_owned(), by));
+                };
+                waiting
+                    .extend(couplings[joint].leaders.iter().map(|leader| (leader.joint.as_str(), by * leader.ratio)));
             }
-            // What stands still.
-            sum.retain(|joint, by| *by != 0.0 && !couplings.contains_key(joint));
-            sum
+            None
         };
         let arms = self.0.iter().filter_map(|(name, sum)| {
-            let reduced = reduced(sum);
-            let (joint, by) = reduced.iter().next()?;
-            (reduced.len() == 1).then(|| (*name, (joint.clone(), *by)))
+            let arm = reduced(sum).filter(|(_, by)| by.is_finite())?;
+            Some((*name, arm))
         });
         arms.collect()
     }

@@ -92,10 +92,23 @@ impl Compiler {
     /// Takes over what one section says. `file`: the main one.
     pub fn apply(&mut self, element: &Element<'_>, file: &Path) {
         let read = [
-            "angle", "eulerseq", "autolimits", "inertiafromgeom", "inertiagrouprange", "boundmass", "boundinertia", "settotalmass",
-            "balanceinertia", "meshdir", "assetdir", "texturedir", "strippath", "coordinate",
+            "angle",
+            "eulerseq",
+            "autolimits",
+            "inertiafromgeom",
+            "inertiagrouprange",
+            "boundmass",
+            "boundinertia",
+            "settotalmass",
+            "balanceinertia",
+            "meshdir",
+            "assetdir",
+            "texturedir",
+            "strippath",
+            "coordinate",
         ];
-        let alike = ["usethread", "discardvisual", "fusestatic", "saveinertial", "alignfree", "savecompiled", "savecanonical"];
+        let alike =
+            ["usethread", "discardvisual", "fusestatic", "saveinertial", "alignfree", "savecompiled", "savecanonical"];
         let unused = [
             ("it changes how MuJoCo keeps the model, not what the model is", &alike[..]),
             ("only capsules, boxes and so on that are given are used", &["fitaabb"][..]),
@@ -111,7 +124,14 @@ impl Compiler {
                 Ok(axes) if axes.iter().all(|axis| "xyzXYZ".contains(*axis)) => self.euler_axes = axes,
                 _ => {
                     let expected = "three of x, y, z, X, Y, Z";
-                    element.problem(Severity::Fatal, ProblemKind::UnknownValue, "eulerseq", &quoted(text), expected, "");
+                    element.problem(
+                        Severity::Fatal,
+                        ProblemKind::UnknownValue,
+                        "eulerseq",
+                        &quoted(text),
+                        expected,
+                        "",
+                    );
                 }
             }
         }
@@ -175,14 +195,24 @@ impl Compiler {
                     };
                     let about = Unit::new_unchecked(Vector3::ith(index, 1.0));
                     let turn = UnitQuaternion::from_axis_angle(&about, self.angle(*angle));
-                    if axis.is_lowercase() { turned * turn } else { turn * turned }
+                    if axis.is_lowercase() {
+                        turned * turn
+                    } else {
+                        turn * turned
+                    }
                 }))
             }
         };
         let found = found.filter(|rotation| rotation.coords.iter().all(|number| number.is_finite()));
         if found.is_none() {
             let text = quoted(element.attribute(name).unwrap_or_default());
-            element.error(ProblemKind::OutOfRange, name, &text, "a direction or orientation", "the element is not turned");
+            element.error(
+                ProblemKind::OutOfRange,
+                name,
+                &text,
+                "a direction or orientation",
+                "the element is not turned",
+            );
         }
         found
     }
@@ -257,9 +287,30 @@ impl Default for Options {
 impl Options {
     pub fn apply(&mut self, element: &Element<'_>) {
         let solver = [
-            "actuatorgroupdisable", "ccd_iterations", "ccd_tolerance", "cone", "impratio", "integrator", "iterations", "jacobian",
-            "ls_iterations", "ls_tolerance", "noslip_iterations", "noslip_tolerance", "o_friction", "o_margin", "o_solimp", "o_solref",
-            "sdf_initpoints", "sdf_iterations", "sleep_tolerance", "solver", "tolerance", "apirate", "mpr_iterations", "mpr_tolerance",
+            "actuatorgroupdisable",
+            "ccd_iterations",
+            "ccd_tolerance",
+            "cone",
+            "impratio",
+            "integrator",
+            "iterations",
+            "jacobian",
+            "ls_iterations",
+            "ls_tolerance",
+            "noslip_iterations",
+            "noslip_tolerance",
+            "o_friction",
+            "o_margin",
+            "o_solimp",
+            "o_solref",
+            "sdf_initpoints",
+            "sdf_iterations",
+            "sleep_tolerance",
+            "solver",
+            "tolerance",
+            "apirate",
+            "mpr_iterations",
+            "mpr_tolerance",
             "collision",
         ];
         let unused = [
@@ -302,8 +353,24 @@ impl Options {
             self.gravity = Vector3::zeros();
         }
         let solver = [
-            "autoreset", "clampctrl", "diagexact", "energy", "eulerdamp", "fwdinv", "invdiscrete", "ipc", "island", "midphase",
-            "multiccd", "nativeccd", "override", "refsafe", "sensor", "sleep", "speculative", "warmstart",
+            "autoreset",
+            "clampctrl",
+            "diagexact",
+            "energy",
+            "eulerdamp",
+            "fwdinv",
+            "invdiscrete",
+            "ipc",
+            "island",
+            "midphase",
+            "multiccd",
+            "nativeccd",
+            "override",
+            "refsafe",
+            "sensor",
+            "sleep",
+            "speculative",
+            "warmstart",
         ];
         finish(flag, &known, &[(SOLVER, &solver[..])], &[]);
     }

@@ -35,7 +35,8 @@ pub(super) struct Texts {
 impl Texts {
     /// Reads what `text` includes, and what that includes. A file may be included once, as in MuJoCo.
     pub fn gather(text: String, path: &Path, surroundings: Surroundings) -> Result<Self, LoadError> {
-        let mut texts = Self { all: vec![(path.to_owned(), text)], includes: HashMap::new(), sources: Sources::default() };
+        let mut texts =
+            Self { all: vec![(path.to_owned(), text)], includes: HashMap::new(), sources: Sources::default() };
         let mut next = 0;
         let mut bytes = texts.all[0].1.len();
         while next < texts.all.len() {
@@ -59,7 +60,14 @@ impl Texts {
                                 } else {
                                     let expected = if is_new { "fewer files" } else { "each file once" };
                                     let name = quoted(element.attribute("file").unwrap_or_default());
-                                    element.problem(Severity::Fatal, ProblemKind::Structure, "file", &format!("{name}, again"), expected, "");
+                                    element.problem(
+                                        Severity::Fatal,
+                                        ProblemKind::Structure,
+                                        "file",
+                                        &format!("{name}, again"),
+                                        expected,
+                                        "",
+                                    );
                                 }
                             }
                         } else {
@@ -118,11 +126,10 @@ impl<'a> Source<'a> {
         let inside = |element: &Element<'a>| element.elements().collect::<Vec<_>>().into_iter().rev();
         let mut waiting: Vec<_> = inside(element).collect();
         while let Some(element) = waiting.pop() {
-            match (element.tag(), self.includes.get(&element.source())) {
-                ("include", Some(&index)) => waiting.extend(inside(&self.roots[index])),
-                // One that is not in the table was reported.
-                ("include", None) => (),
-                _ => all.push(element),
+            if element.tag() != "include" {
+                all.push(element);
+            } else if let Some(&index) = self.includes.get(&element.source()) {
+                waiting.extend(inside(&self.roots[index]));
             }
         }
         all

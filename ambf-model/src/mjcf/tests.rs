@@ -3,7 +3,9 @@
 use nalgebra::Point3;
 
 use super::*;
-use crate::adf::{CollisionGeometry, ControllerOutput, Coupling, Leader, Limits, PartGeometry, Primitive, RigidBody, VisualGeometry};
+use crate::adf::{
+    CollisionGeometry, ControllerOutput, Coupling, Leader, Limits, PartGeometry, Primitive, RigidBody, VisualGeometry,
+};
 
 /// Model and problems, without those that say what MuJoCo's solver has.
 fn read(text: &str) -> (Model, Vec<String>) {
@@ -66,7 +68,10 @@ fn bodies_stand_as_they_are_written_and_joints_agree() {
     // As written the coordinates are the references: at zero the joints are that much before.
     let (j, s) = (joint(&model, "j"), joint(&model, "s"));
     let limits = j.limits.expect("limits");
-    assert!((limits.low + std::f64::consts::FRAC_PI_3).abs() < 1e-15 && (limits.high - std::f64::consts::FRAC_PI_3).abs() < 1e-15);
+    assert!(
+        (limits.low + std::f64::consts::FRAC_PI_3).abs() < 1e-15
+            && (limits.high - std::f64::consts::FRAC_PI_3).abs() < 1e-15
+    );
     let turned = |joint: &AdfJoint, q: f64| {
         let about = Isometry3::from(joint.child_pivot)
             * Isometry3::rotation(joint.child_axis * q)
@@ -148,7 +153,9 @@ fn planes_are_bodies_of_their_own() {
     ));
     let names: Vec<_> = model.bodies.iter().map(|body| body.common.identifier.as_str()).collect();
     assert_eq!(names, ["BODY floor", "BODY world", "BODY a"]);
-    let CollisionGeometry::Primitive { primitive: Primitive::Plane { normal, offset }, .. } = &model.bodies[0].collision else {
+    let CollisionGeometry::Primitive { primitive: Primitive::Plane { normal, offset }, .. } =
+        &model.bodies[0].collision
+    else {
         panic!()
     };
     assert!((normal - Vector3::x()).norm() < 1e-15 && offset.abs() < 1e-15);
@@ -191,7 +198,7 @@ fn inertia_as_written_or_of_the_geoms() {
     assert_eq!(a("<compiler settotalmass='1'/>").mass, 1.0);
     assert_eq!(a("<compiler boundmass='4' boundinertia='2.5'/>").inertia, Some(Vector3::new(2.5, 2.5, 3.0)));
     let (model, problems) = read(&text("<compiler inertiafromgeom='true' inertiagrouprange='0 1'/>"));
-    assert!(problems.len() == 1 && problems[0].contains("`body a / inertial` is missing"), "{problems:?}");
+    assert!(problems.len() == 1 && problems[0].contains("body a / inertial` is missing"), "{problems:?}");
     assert_eq!(body(&model, "a").mass, 1.0);
     let full = text("").replace("diaginertia='1 2 3' euler='0 0 90'", "fullinertia='2 2 3 1 0 0'");
     let found = body(&clean(&full), "a").clone();
@@ -222,7 +229,8 @@ fn actuators_drive_joints() {
     assert_eq!(gains(&drive(general)), (force, 20.0, 2.0, Some(6.0)));
     let pair = drive("<position joint='p' kp='5'/><velocity joint='p' kv='2'/>");
     assert_eq!(gains(&pair), (force, 5.0, 2.0, None));
-    let (_, problems) = read(&format!("<mujoco>{ARM}<actuator><muscle joint='p'/><motor joint='z'/></actuator></mujoco>"));
+    let (_, problems) =
+        read(&format!("<mujoco>{ARM}<actuator><muscle joint='p'/><motor joint='z'/></actuator></mujoco>"));
     assert!(problems.len() == 2 && problems[0].contains("`muscle`, expected motor, position"), "{problems:?}");
     assert!(problems[1].contains("motor / joint` is `z`, expected the name of a joint"), "{problems:?}");
 }
@@ -231,7 +239,10 @@ fn actuators_drive_joints() {
 fn springs_stand_beside_their_joints() {
     let model = clean(&format!("<mujoco>{ARM}</mujoco>"));
     let spring = joint(&model, "q_spring");
-    assert_eq!((spring.kind.clone(), spring.stiffness, spring.equilibrium_point), (JointKind::LinearSpring, 3.0, Some(0.1)));
+    assert_eq!(
+        (spring.kind.clone(), spring.stiffness, spring.equilibrium_point),
+        (JointKind::LinearSpring, 3.0, Some(0.1))
+    );
     assert!(spring.limits.is_some_and(|Limits { low, high }| low > high) && spring.common.passive);
     assert_eq!(spring.parent_pivot, joint(&model, "q").parent_pivot);
     let off = clean(&format!("<mujoco><option><flag spring='disable'/></option>{ARM}</mujoco>"));
@@ -365,7 +376,10 @@ fn what_is_not_known_or_used_is_named_with_its_place() {
 #[test]
 fn what_cannot_be_read_refuses_the_file() {
     for (text, expected) in [
-        ("<mujoco><worldbody><geom size='a'/></worldbody></mujoco>", "`worldbody / geom / size` is `a`, expected 1 to 3 numbers"),
+        (
+            "<mujoco><worldbody><geom size='a'/></worldbody></mujoco>",
+            "`worldbody / geom / size` is `a`, expected 1 to 3 numbers",
+        ),
         ("<mujoco><worldbody><geom pos='1 2'/></worldbody></mujoco>", "is `1 2`, expected 3 numbers"),
         ("<mujoco><worldbody><geom type='ball'/></worldbody></mujoco>", "is `ball`, expected plane, hfield, sphere"),
         ("<mujoco><compiler angle='grad'/></mujoco>", "`compiler / angle` is `grad`, expected degree, radian"),
@@ -389,7 +403,10 @@ fn included_files_and_meshes() {
     };
     // A tetrahedron of 1/6 m³.
     write("parts/t.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n");
-    write("parts/body.xml", "<mujocoinclude>\n<body name='b'><freejoint/><geom type='mesh' mesh='t'/><geo/></body></mujocoinclude>");
+    write(
+        "parts/body.xml",
+        "<mujocoinclude>\n<body name='b'><freejoint/><geom type='mesh' mesh='t'/><geo/></body></mujocoinclude>",
+    );
     let main = write(
         "m.xml",
         "<mujoco><compiler meshdir='parts'/><asset><mesh file='t.obj' scale='2 2 -2'/></asset>
@@ -402,7 +419,10 @@ fn included_files_and_meshes() {
     let centre = b.inertial_offset.expect("given").translation.vector;
     assert!((centre - Vector3::new(0.5, 0.5, -0.5)).norm() < 1e-12, "{centre}");
     let problems: Vec<_> = report.problems().iter().map(|problem| problem.to_string()).collect();
-    assert!(problems.len() == 1 && problems[0].contains("parts/body.xml:2:61: warning: `body b / geo`"), "{problems:?}");
+    assert!(
+        problems.len() == 1 && problems[0].contains("parts/body.xml:2:56: warning: `body b / geo`"),
+        "{problems:?}"
+    );
     assert!(sources.are_current());
     write("parts/body.xml", "<mujocoinclude><include file='parts/body.xml'/></mujocoinclude>");
     assert!(!sources.are_current());

@@ -44,7 +44,18 @@ impl Default for LightText {
 impl LightText {
     pub fn apply(&mut self, element: &Element<'_>) {
         let read = [
-            "name", "class", "active", "directional", "type", "castshadow", "pos", "dir", "attenuation", "cutoff", "exponent", "mode",
+            "name",
+            "class",
+            "active",
+            "directional",
+            "type",
+            "castshadow",
+            "pos",
+            "dir",
+            "attenuation",
+            "cutoff",
+            "exponent",
+            "mode",
             "target",
         ];
         let colours = ["ambient", "diffuse", "specular", "intensity", "bulbradius", "softness", "range", "texture"];
@@ -62,7 +73,13 @@ impl LightText {
     }
 
     /// The light in a frame that is `outer` in the body's; `None`: it is off.
-    pub fn light(&self, common: Common, parent: String, outer: &Isometry3<f64>, element: &Element<'_>) -> Option<Light> {
+    pub fn light(
+        &self,
+        common: Common,
+        parent: String,
+        outer: &Isometry3<f64>,
+        element: &Element<'_>,
+    ) -> Option<Light> {
         check_mode(element);
         let towards = direction(self.direction).unwrap_or(-Vector3::z_axis());
         let [constant, linear, quadratic] = self.attenuation;
@@ -89,9 +106,27 @@ fn check_mode(element: &Element<'_>) {
 }
 
 /// A camera whose frame is `pose` in the body's. `None`, reported, if it cannot see anything.
-pub(super) fn camera(element: &Element<'_>, fov: Option<f64>, common: Common, parent: String, pose: &Isometry3<f64>) -> Option<Camera> {
+pub(super) fn camera(
+    element: &Element<'_>,
+    fov: Option<f64>,
+    common: Common,
+    parent: String,
+    pose: &Isometry3<f64>,
+) -> Option<Camera> {
     let read = [
-        &["name", "class", "mode", "target", "fovy", "resolution", "focal", "focalpixel", "principal", "principalpixel", "sensorsize"][..],
+        &[
+            "name",
+            "class",
+            "mode",
+            "target",
+            "fovy",
+            "resolution",
+            "focal",
+            "focalpixel",
+            "principal",
+            "principalpixel",
+            "sensorsize",
+        ][..],
         &["orthographic", "projection"],
         &POSE,
     ]
@@ -110,12 +145,14 @@ pub(super) fn camera(element: &Element<'_>, fov: Option<f64>, common: Common, pa
     let resolution: Option<[f64; 2]> = element.numbers("resolution");
     let pixels = resolution.map(|size| size.map(|n| n.clamp(1.0, 16384.0) as u32)).filter(|size| *size != [1, 1]);
     let per_length = pixels.zip(element.numbers::<2>("sensorsize")).filter(|(_, size)| size.iter().all(|x| *x > 0.0));
-    let per_length = per_length.map(|([w, h], [x, y])| [f64::from(w) / x, f64::from(h) / y]);
+    let per_length =
+        per_length.map(|([w, h], [x, y])| [f64::from(w) / x, f64::from(h) / y]).filter(|[x, y]| x.max(*y) < 1e100);
     let scaled = |name| {
         let numbers = element.numbers::<2>(name)?;
         per_length.map(|[x, y]| [numbers[0] * x, numbers[1] * y])
     };
-    let focal = element.numbers("focalpixel").or_else(|| scaled("focal")).filter(|f: &[f64; 2]| f.iter().all(|x| *x > 0.0));
+    let focal =
+        element.numbers("focalpixel").or_else(|| scaled("focal")).filter(|f: &[f64; 2]| f.iter().all(|x| *x > 0.0));
     let off = element.numbers("principalpixel").or_else(|| scaled("principal")).unwrap_or([0.0; 2]);
     let intrinsics = focal.zip(pixels).map(|([fx, fy], [w, h])| Intrinsics {
         focal_lengths: (fx, fy),

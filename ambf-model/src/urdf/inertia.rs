@@ -2,9 +2,9 @@
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use crate::xml::Element;
 use crate::adf::{ProblemKind, Severity};
 use crate::inertia::diagonalised;
+use crate::xml::Element;
 
 /// Element `inertial` of a link with a mass above 0.
 #[derive(Debug, Clone, PartialEq)]

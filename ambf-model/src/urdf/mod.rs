@@ -23,10 +23,10 @@ use std::path::Path;
 pub use package::{PackagePlaces, Packages};
 
 use crate::adf::{read_bytes, text_of, LoadError, Model, ProblemKind, Report};
+use crate::xml::{quoted, Element, File};
 use geometry::Materials;
 use joint::Joint;
 use link::Link;
-use crate::xml::{quoted, Element, File};
 
 /// Reads a robot description. Packages are looked for with [`Packages::around`]; meshes are not opened.
 ///

@@ -10,8 +10,8 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use roxmltree::{Document, Node, ParsingOptions};
 
-use crate::adf::{LoadError, Problem, ProblemKind, Report, Severity, SourcePos};
 use super::{find_excess, MAX_NODES};
+use crate::adf::{LoadError, Problem, ProblemKind, Report, Severity, SourcePos};
 
 /// Most quotes in one tag.
 const MAX_QUOTES: usize = 512;
