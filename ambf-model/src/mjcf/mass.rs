@@ -120,9 +120,11 @@ pub(super) fn of_mesh<'a>(triangles: impl Iterator<Item = [Vector3<f64>; 3]> + C
     }
     let centre = moment / volume;
     // Second moments ∫ x xᵀ dV of pyramids with their top at the centre of mass.
-    let mut second = Matrix3::zeros();
+    let (mut whole, mut second) = (0.0, Matrix3::zeros());
     for triangle in triangles {
         let pyramid = volume_below(&centre, &triangle);
+        // MuJoCo takes the volume about the centre of mass; where pyramids count positive it is another one.
+        whole += pyramid;
         let corners = triangle.map(|corner| corner - centre);
         let sum = corners[0] + corners[1] + corners[2];
         let squares = corners.iter().map(|corner| corner * corner.transpose()).sum::<Matrix3<f64>>();
@@ -130,8 +132,8 @@ pub(super) fn of_mesh<'a>(triangles: impl Iterator<Item = [Vector3<f64>; 3]> + C
     }
     let inertia = Matrix3::from_diagonal_element(second.trace()) - second;
     // Surfaces that look inwards all over.
-    let sign = volume.signum();
-    Mass { mass: volume * sign, centre, inertia: inertia * sign }
+    let sign = whole.signum();
+    Mass { mass: whole * sign, centre, inertia: inertia * sign }
 }
 
 #[cfg(test)]

@@ -427,7 +427,7 @@ fn included_files_and_meshes() {
     write("parts/body.xml", "<mujocoinclude><include file='parts/body.xml'/></mujocoinclude>");
     assert!(!sources.are_current());
     let twice = load(&main).unwrap_err().to_string();
-    assert!(twice.contains("again, expected each file once"), "{twice}");
+    assert!(twice.contains("`include / file` `parts/body.xml`, again"), "{twice}");
     std::fs::remove_dir_all(folder).expect("removed");
 }
 
