@@ -213,7 +213,8 @@ class Player:
 
     def _carried(self, states: States, angle: float) -> Array:
         """Where the first instrument brings the needle's point to the place where it is handed over."""
-        return states.bodies[TOOLS[0]].position + self.PLACE - point_of(states, angle)
+        place: Array = states.bodies[TOOLS[0]].position + self.PLACE - point_of(states, angle)
+        return place
 
 
 def make_needle_pick(**options: Any) -> gymnasium.Env[Any, Any]:
