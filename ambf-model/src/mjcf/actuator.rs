@@ -55,7 +55,7 @@ impl ActuatorText {
         matches!(tag, "general" | "motor" | "position" | "velocity") || STRANGE.contains(&tag)
     }
 
-    pub fn apply(&mut self, element: &Element<'_>, compiler: &Compiler) {
+    pub fn apply(&mut self, element: &Element<'_>) {
         let tag = element.tag();
         if let Some(strange) = STRANGE.iter().find(|strange| **strange == tag) {
             self.strange = strange;
@@ -110,7 +110,6 @@ impl ActuatorText {
         self.force_limited = choice(element, "forcelimited", &Limited::WORDS).unwrap_or(self.force_limited);
         self.damping = element.real("damping").unwrap_or(self.damping);
         self.armature = element.real("armature").unwrap_or(self.armature);
-        let _ = compiler;
         match tag {
             "general" => self.apply_general(element),
             "position" => {

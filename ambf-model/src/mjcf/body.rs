@@ -270,7 +270,7 @@ impl<'a> Reading<'_, 'a> {
         let mut text = self.classes.of(&element, class).geom.clone();
         text.apply(&element, self.compiler);
         let [low, high] = self.compiler.mass_groups;
-        let weighs = text.group >= low && text.group <= high && self.compiler.from_geoms != FromGeoms::Never;
+        let weighs = (low..=high).contains(&text.group) && self.compiler.from_geoms != FromGeoms::Never;
         let needs_mass = index != 0 && weighs && (self.compiler.from_geoms == FromGeoms::Always || !has_inertial);
         if let Some(mut geom) = Geom::new(element, text, outer, self.assets, needs_mass) {
             geom.mass = geom.mass.filter(|_| weighs);

@@ -141,7 +141,7 @@ impl<'a> Class<'a> {
                 "material" => self.material.apply(&element),
                 "camera" => self.fov = element.real("fovy").or(self.fov),
                 "light" => self.light.apply(&element),
-                tag if ActuatorText::is_kind(tag) => self.actuator.apply(&element, compiler),
+                tag if ActuatorText::is_kind(tag) => self.actuator.apply(&element),
                 // Nothing of these is used that could have a default.
                 _ => (),
             }

@@ -160,7 +160,7 @@ fn read(source: &Source<'_>, surroundings: Surroundings, path: &Path) -> (Model,
         for element in source.elements(&section).iter().filter(|_| options.has_actuators) {
             let mut text = classes.of(element, None).actuator.clone();
             if ActuatorText::is_kind(element.tag()) {
-                text.apply(element, &compiler);
+                text.apply(element);
                 actuator::add(element, &text, &compiler, &bodies.joints, &arms, &mut drives);
             }
         }
