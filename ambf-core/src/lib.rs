@@ -34,7 +34,7 @@
 //! | Jacobians, mass matrices, inverse dynamics and kinematics | [`scene::Scene::mechanism`], [`tree`] |
 //! | masses, friction, limits, gains that change | [`sim::Stepper::set_parameters`] |
 //! | programs in real time | [`sim::Runner`] repeats the iteration in a thread; others work with it through [`comm::Hub`] |
-//! | files | [`scene::load`]; [`adf`] and [`urdf`] are descriptions alone, [`mesh`] reads triangles |
+//! | files | [`scene::load`]; [`adf`], [`urdf`] and [`mjcf`] are descriptions alone, [`mesh`] reads triangles |
 //! | code that runs within a simulator | [`plugin`] |
 //! | input devices | [`device`] |
 //! | Bullet itself | [`bullet::World`] |
@@ -53,6 +53,6 @@ pub mod sim;
 
 pub use ambf_device as device;
 pub use ambf_dynamics::tree;
-pub use ambf_model::{adf, files, mesh, text, urdf};
+pub use ambf_model::{adf, files, mesh, mjcf, robot, text, urdf};
 pub use ambf_plugin as plugin;
 pub use ambf_plugin::{export_driver, export_plugin};

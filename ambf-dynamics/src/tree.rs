@@ -2,7 +2,8 @@
 //! kinematics.
 //!
 //! They depend on masses, inertias, frames and coordinates only, not on the solver that moves the bodies: joints have no gap, and
-//! friction, damping, springs, motors and contacts are not part of them. The algorithms are those of Featherstone, *Rigid Body
+//! friction, damping, springs, motors and contacts are not part of them. The inertia of rotors is; couplings of joints are rows of
+//! [`Tree::coupling_rows`], and nothing else here knows of them. The algorithms are those of Featherstone, *Rigid Body
 //! Dynamics Algorithms* (2008): recursive Newton-Euler (§5.3), composite rigid bodies (§6.2); Jacobians §2.11 there. Quantities
 //! are vectors at centres of mass in the axes of the world, not spatial vectors, so that nothing is lost far from the origin.
 //!
@@ -44,6 +45,17 @@ pub struct Link {
     pub gravity: Vector3<f64>,
     /// Range of the coordinate, rad or m; infinite where there is none.
     pub limits: [f64; 2],
+    /// Inertia of the joint's rotor as the joint has it, kg·m² or kg: effort = armature · acceleration of the coordinate.
+    pub armature: f64,
+}
+
+/// A joint whose coordinate is the sum of those of others, each times a ratio, plus a number.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Follower {
+    /// Index of its coordinate.
+    pub coordinate: usize,
+    /// Indices of the others' coordinates, and the rate of this one over that of each.
+    pub leaders: Vec<(usize, f64)>,
 }
 
 impl Link {
@@ -59,6 +71,7 @@ impl Link {
             inertia,
             gravity,
             limits: [f64::NEG_INFINITY, f64::INFINITY],
+            armature: 0.0,
         }
     }
 }
@@ -69,6 +82,7 @@ pub struct Tree {
     links: Vec<Link>,
     is_free: bool,
     joints: usize,
+    followers: Vec<Follower>,
 }
 
 impl Tree {
@@ -87,7 +101,51 @@ impl Tree {
         }
         numbers.sort_unstable();
         assert!(numbers.iter().copied().eq(0..numbers.len()), "coordinates are numbered {numbers:?}");
-        Self { links, is_free, joints: numbers.len() }
+        Self { links, is_free, joints: numbers.len(), followers: Vec::new() }
+    }
+
+    /// The same tree with joints that follow others.
+    ///
+    /// # Panics
+    /// If one of their coordinates is not there.
+    #[must_use]
+    pub fn with_followers(mut self, followers: Vec<Follower>) -> Self {
+        let all = followers.iter().flat_map(|follower| {
+            std::iter::once(follower.coordinate).chain(follower.leaders.iter().map(|(leader, _)| *leader))
+        });
+        assert!(all.max().is_none_or(|most| most < self.joints), "coordinates of followers");
+        self.followers = followers;
+        self
+    }
+
+    /// Joints that follow others.
+    pub fn followers(&self) -> &[Follower] {
+        &self.followers
+    }
+
+    /// (followers x n) what couplings ask of the rates: the product with them is 0. A row has 1 for the follower, and minus its ratio
+    /// for each of its leaders. Forces of couplings are Cᵀ·λ: those that keep accelerations in line are found with
+    /// M·a + bias = forces + Cᵀ·λ, C·a = 0.
+    pub fn coupling_rows(&self) -> DMatrix<f64> {
+        let mut rows = DMatrix::zeros(self.followers.len(), self.rates());
+        for (row, Follower { coordinate, leaders }) in self.followers.iter().enumerate() {
+            rows[(row, self.first_joint() + coordinate)] += 1.0;
+            for &(leader, ratio) in leaders {
+                rows[(row, self.first_joint() + leader)] -= ratio;
+            }
+        }
+        rows
+    }
+
+    /// (n) what the rotors add to the diagonal of the mass matrix, kg·m² or kg.
+    fn armatures(&self) -> Vec<f64> {
+        let mut armatures = vec![0.0; self.rates()];
+        for link in &self.links[1..] {
+            if let Motion::Revolute(number) | Motion::Prismatic(number) = link.motion {
+                armatures[self.first_joint() + number] = link.armature;
+            }
+        }
+        armatures
     }
 
     /// The links, each after its parent.
@@ -370,8 +428,9 @@ impl Posture<'_> {
         rotation.matrix() * Matrix3::from_diagonal(&self.tree.links[link].inertia) * rotation.matrix().transpose()
     }
 
-    /// (n x n) mass matrix: the kinetic energy is half of rates · M · rates. Symmetric and positive definite. Composite rigid
-    /// bodies: what a rate moves is one body whose momentum the rates above it feel.
+    /// (n x n) mass matrix: the kinetic energy, that of rotors included, is half of rates · M · rates. Symmetric and positive
+    /// definite. Composite rigid bodies: what a rate moves is one body whose momentum the rates above it feel. Rotors add to the
+    /// diagonal: they turn with their joints, and what turns the joints with them is not felt.
     pub fn mass_matrix(&self) -> DMatrix<f64> {
         let count = self.poses.len();
         let mut below: Vec<(f64, Vector3<f64>, Matrix3<f64>)> =
@@ -390,6 +449,9 @@ impl Posture<'_> {
                 let value = above.share(&momentum, &spin, centre);
                 (matrix[(row, column)], matrix[(column, row)]) = (value, value);
             }
+        }
+        for (index, armature) in self.tree.armatures().into_iter().enumerate() {
+            matrix[(index, index)] += armature;
         }
         matrix
     }
@@ -430,7 +492,8 @@ impl Posture<'_> {
         let of = |(link, [linear, angular]): (usize, &[Vector3<f64>; 2])| {
             0.5 * (self.tree.links[link].mass * linear.norm_squared() + angular.dot(&(self.inertia(link) * angular)))
         };
-        self.velocities(rates).iter().enumerate().map(of).sum()
+        let rotors = self.tree.armatures().into_iter().zip(rates).map(|(armature, rate)| 0.5 * armature * rate * rate);
+        self.velocities(rates).iter().enumerate().map(of).sum::<f64>() + rotors.sum::<f64>()
     }
 
     /// (n) forces that give the tree these accelerations at these rates, against gravity: recursive Newton-Euler.
@@ -505,7 +568,8 @@ impl Posture<'_> {
             let [force, torque] = &wrenches[freedom.link];
             freedom.share(force, torque, &self.centre(freedom.link))
         });
-        DVector::from_iterator(self.freedoms.len(), shares)
+        let rotors = self.tree.armatures().into_iter().zip(accelerations).map(|(armature, by)| armature * by);
+        DVector::from_iterator(self.freedoms.len(), shares.zip(rotors).map(|(share, rotor)| share + rotor))
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! * [`adf`]: scene files of AMBF (worlds, models, launch files, devices, colours) with a report of what is wrong in
 //!   them, by file and line.
-//! * [`urdf`]: robot descriptions in URDF, as the same models.
+//! * [`urdf`], [`mjcf`]: robot descriptions in URDF and MJCF, as the same models; [`robot`] tells them apart.
 //! * [`mesh`]: mesh files as triangles, for what collides and for what is drawn.
 //! * [`files`]: how all programs read and write files.
 //! * [`text`]: texts as they may leave a program.
@@ -25,7 +25,10 @@
 
 pub mod adf;
 pub mod files;
+mod inertia;
 pub mod mesh;
+pub mod mjcf;
+pub mod robot;
 mod settings;
 pub mod text;
 pub mod urdf;

@@ -1,5 +1,9 @@
 //! What of XML would keep `roxmltree` busy for minutes or exhaust the memory, found before it is parsed.
 
+mod element;
+
+pub(crate) use element::{quoted, Element, File, Id};
+
 /// Most elements and texts of a file: a robot of 10 000 links has some 400 000.
 pub(crate) const MAX_NODES: u32 = 2_000_000;
 

@@ -94,6 +94,7 @@ impl MeshRequest {
         let (shape, scale) = match *primitive {
             Primitive::Box { size } => (Primitive::Box { size: Vector3::repeat(1.0) }, size),
             Primitive::Sphere { radius } => (Primitive::Sphere { radius: 1.0 }, Vector3::repeat(radius)),
+            Primitive::Ellipsoid { radii } => (Primitive::Sphere { radius: 1.0 }, radii),
             Primitive::Cylinder { radius, height, axis } => {
                 (Primitive::Cylinder { radius: 1.0, height: 1.0, axis }, about(axis, radius, height))
             }

@@ -41,6 +41,19 @@ void amb_body_set_apart(AmbBody *body, unsigned family, const unsigned *groups, 
   body->groups.assign(groups, groups + n);
 }
 
+void amb_body_set_filter(AmbBody *body, unsigned model, unsigned member, unsigned cluster, unsigned outer, unsigned kind,
+                         unsigned affinity, const unsigned *excluded, int n) {
+  body->filter = std::make_unique<CollisionFilter>();
+  CollisionFilter &filter = *body->filter;
+  filter.model = model;
+  filter.member = member;
+  filter.cluster = cluster;
+  filter.outer = outer;
+  filter.kind = kind;
+  filter.affinity = affinity;
+  filter.excluded.assign(excluded, excluded + n);
+}
+
 void amb_body_set_surface(AmbBody *body, double friction, double rolling_friction, double restitution) {
   body->body.setFriction(friction);
   body->body.setRollingFriction(rolling_friction);

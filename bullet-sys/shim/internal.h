@@ -2,6 +2,7 @@
 #ifndef AMB_INTERNAL_H
 #define AMB_INTERNAL_H
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <cstdint>
@@ -44,15 +45,32 @@ enum class ObjectKind { Body, Ghost, SoftBody };
 
 struct AmbWorld;
 
+// Which objects of a model an object collides with, see amb_body_set_filter.
+struct CollisionFilter {
+  bool is_apart_from(const CollisionFilter &other) const {
+    if (model == 0 || model != other.model) return false;
+    if (cluster == other.cluster || (outer != 0 && outer == other.cluster) || (other.outer != 0 && other.outer == cluster)) return true;
+    if ((kind & other.affinity) == 0 && (other.kind & affinity) == 0) return true;
+    return std::binary_search(excluded.begin(), excluded.end(), other.member);
+  }
+
+  // 0: none.
+  unsigned model = 0;
+  unsigned member = 0, cluster = 0, outer = 0, kind = 0, affinity = 0;
+  // Ascending.
+  Vector<unsigned> excluded;
+};
+
 // The user pointer of every collision object points at its AmbObject.
 struct AmbObject {
   BT_DECLARE_ALIGNED_ALLOCATOR();
 
   explicit AmbObject(ObjectKind object_kind) : kind(object_kind) {}
 
-  // Whether the two never collide because of what they are: of one family, or in groups of which none is common.
+  // Whether the two never collide because of what they are: of one family, in groups of which none is common, or by their filters.
   bool is_apart_from(const AmbObject &other) const {
     if (family != 0 && family == other.family) return true;
+    if (filter && other.filter && filter->is_apart_from(*other.filter)) return true;
     if (groups.empty() || other.groups.empty()) return false;
     for (size_t i = 0, k = 0; i < groups.size() && k < other.groups.size();) {
       if (groups[i] == other.groups[k]) return false;
@@ -88,6 +106,7 @@ struct AmbObject {
   // in no group, which collides with all.
   unsigned family = 0;
   Vector<unsigned> groups;
+  std::unique_ptr<CollisionFilter> filter;
   // By the index of an older object, the number of reasons, such as joints, for which the two do not collide.
   btHashMap<btHashInt, int> ignored;
   Partners partners;

@@ -8,8 +8,8 @@ use ambf_core::adf::{
     self, ColorTable, FileKind, InputDevices, Launch, LoadError, ObjectType, Outline, Report, SourcePos, World,
 };
 use ambf_core::files::{look, Found};
+use ambf_core::robot;
 use ambf_core::scene::{load, read_model, Loaded, Note, SceneFiles, SceneOptions};
-use ambf_core::urdf;
 
 use super::companions::{canonical, listed_names, Companions, Looked, Place};
 use super::files::Files;
@@ -107,12 +107,12 @@ impl Checker {
             let sentence = format!("is {kind}, expected a file; it is not checked");
             return self.findings.push(Finding::new(Level::Error, "unreadable", place, &[], &sentence));
         }
-        let is_urdf = urdf::is_urdf(path);
-        let outline = match if is_urdf { Ok(Outline::empty(path)) } else { Outline::load(path) } {
+        let is_robot = robot::is_robot(path);
+        let outline = match if is_robot { Ok(Outline::empty(path)) } else { Outline::load(path) } {
             Ok(outline) => outline,
             Err(error) => return self.unreadable(&error, path, expected, context),
         };
-        let kind = if is_urdf { FileKind::Model } else { self.kind(&outline, expected, context) };
+        let kind = if is_robot { FileKind::Model } else { self.kind(&outline, expected, context) };
         self.rows[row].kind = kind.words();
         self.rows[row].written = written(&outline, kind);
         self.rows[row].built = Some(Counts::default());
@@ -329,7 +329,7 @@ impl Checker {
             self.take(pass, row);
             self.look_up_colours(outline, row, context);
         }
-        if urdf::is_urdf(outline.file()) {
+        if robot::is_robot(outline.file()) {
             // All there is to say of the C++ program.
             self.findings[first..].iter_mut().for_each(|finding| finding.original = None);
             self.findings.push(Finding::differs(&original::ROBOT_DESCRIPTION, outline.root(), &[]));

@@ -8,8 +8,8 @@ use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
 
 use ambf_core::adf::{Entry, Outline, Severity, SourcePos};
+use ambf_core::robot;
 use ambf_core::scene::{load, read_model, Loaded, Note, SceneFiles, SceneOptions};
-use ambf_core::urdf;
 
 use super::summary::{built, Counts};
 
@@ -176,7 +176,7 @@ fn names_of(path: &Path) -> Vec<String> {
 
 /// Qualified identifiers of what a file lists and others can name, also of what is dropped when the file is built.
 pub(super) fn listed_names(path: &Path) -> Vec<String> {
-    if urdf::is_urdf(path) {
+    if robot::is_robot(path) {
         return names_of(path);
     }
     let Ok(outline) = Outline::load(path) else { return Vec::new() };

@@ -4,6 +4,8 @@ use ambf_dynamics::ffi as sys;
 use nalgebra::{Isometry3, Vector3};
 use slotmap::Key;
 
+use crate::adf::CollisionFilter;
+
 use super::{pose_of, raw_pose, ArticulationHandle, BodyHandle, BodyKinematics, Shape, World};
 
 /// What of a body its contacts see.
@@ -79,6 +81,8 @@ pub struct Apart<'a> {
     pub family: u32,
     /// Two bodies that are both in groups collide if they share one; a body in none collides with all. Default: none.
     pub groups: &'a [u32],
+    /// The number of a model, above 0, and which of its bodies this one collides with. Default: none, with all.
+    pub filter: Option<(u32, &'a CollisionFilter)>,
 }
 
 impl World {
@@ -102,6 +106,8 @@ impl World {
     pub fn add_body_apart(&mut self, index: usize, body: RigidBody, apart: Apart<'_>) -> BodyHandle {
         let mut groups = apart.groups.to_vec();
         groups.sort_unstable();
+        let mut excluded = apart.filter.map_or(Vec::new(), |(_, filter)| filter.excluded.clone());
+        excluded.sort_unstable();
         let is_free = self.body_list.get(index).map_or(index == self.body_list.len(), |raw| raw.is_null());
         assert!(is_free, "index {index} of {} is not free", self.body_list.len());
         let _arena = self.enter();
@@ -116,6 +122,23 @@ impl World {
             sys::amb_body_set_surface(raw.as_ptr(), body.friction, body.rolling_friction, body.restitution);
             sys::amb_body_set_damping(raw.as_ptr(), body.linear_damping, body.angular_damping);
             sys::amb_body_set_apart(raw.as_ptr(), apart.family, groups.as_ptr(), groups.len() as i32);
+            if let Some((model, filter)) = apart.filter {
+                let CollisionFilter { kind, affinity, member, cluster, outer, excluded: _ } = *filter;
+                // Clusters count from 1 there.
+                let (cluster, outer) = (cluster + 1, outer.map_or(0, |outer| outer + 1));
+                let (raw, list) = (raw.as_ptr(), excluded.as_ptr());
+                sys::amb_body_set_filter(
+                    raw,
+                    model,
+                    member,
+                    cluster,
+                    outer,
+                    kind,
+                    affinity,
+                    list,
+                    excluded.len() as i32,
+                );
+            }
         }
         let handle = self.bodies.insert(OwnedBody {
             raw,
@@ -469,7 +492,7 @@ mod tests {
                 for _ in 0..count {
                     let index = world.bodies().len();
                     let body = RigidBody { shape: shape(), ..ball(1.0, 0.0) };
-                    world.add_body_apart(index, body, Apart { family, groups });
+                    world.add_body_apart(index, body, Apart { family, groups, ..Apart::default() });
                 }
                 world.pair_count()
             };
@@ -487,7 +510,7 @@ mod tests {
         let mut world = World::new(Solver::default());
         world.set_gravity(Vector3::new(0.0, 0.0, -10.0));
         let plane = || Shape::plane(Vector3::z(), -0.2, 0.0);
-        let grouped = |groups: &'static [u32]| Apart { family: 0, groups };
+        let grouped = |groups: &'static [u32]| Apart { groups, ..Apart::default() };
         world.add_body_apart(0, RigidBody { shape: plane(), ..ball(0.0, 0.0) }, grouped(&[1, 2]));
         let at = |x: f64| RigidBody { pose: Isometry3::translation(x, 0.0, 0.0), ..ball(1.0, 0.0) };
         let stays = world.add_body_apart(1, at(0.0), grouped(&[7, 2]));
@@ -498,6 +521,39 @@ mod tests {
         }
         let height = |body| world.pose(body).unwrap().translation.z;
         assert!((height(stays) + 0.1).abs() < 0.01 && (height(free) + 0.1).abs() < 0.01 && height(falls) < -4.0);
+    }
+
+    #[test]
+    fn filters_say_which_bodies_of_a_model_collide() {
+        let filter = |kind, affinity, member, cluster, outer, excluded: &[u32]| CollisionFilter {
+            kind,
+            affinity,
+            member,
+            cluster,
+            outer,
+            excluded: excluded.to_vec(),
+        };
+        let all = |member, cluster, outer| filter(1, 1, member, cluster, outer, &[]);
+        for (a, b, collide) in [
+            (all(1, 1, None), all(2, 2, None), true),
+            (all(1, 1, None), all(2, 1, None), false),
+            (all(1, 1, None), all(2, 2, Some(1)), false),
+            (all(1, 0, None), all(2, 2, None), true),
+            (filter(2, 1, 1, 1, None, &[]), filter(1, 4, 2, 2, None, &[]), true),
+            (filter(2, 4, 1, 1, None, &[]), filter(1, 1, 2, 2, None, &[]), false),
+            (filter(1, 1, 1, 1, None, &[9, 2]), filter(1, 1, 2, 2, None, &[1]), false),
+        ] {
+            for (model, swapped) in [(1, false), (1, true), (2, false)] {
+                let mut world = World::new(Solver::default());
+                let (first, second) = if swapped { (&b, &a) } else { (&a, &b) };
+                let apart = |filter| Apart { filter: Some(filter), ..Apart::default() };
+                world.add_body_apart(0, ball(1.0, 0.0), apart((1, first)));
+                world.add_body_apart(1, ball(1.0, 0.05), apart((model, second)));
+                world.step(0.001, 1, 0.001);
+                let expected = collide || model == 2;
+                assert_eq!(world.contact_count() > 0, expected, "{first:?} {second:?} {model}");
+            }
+        }
     }
 
     /// Bullet looked at all pairs to remove those of one object, and at all bodies and constraints to remove one.

@@ -16,7 +16,7 @@ use super::shared::SharedShape;
 use crate::adf::{self, LoadError, Report};
 use crate::control::Profile;
 use crate::mesh::Sources;
-use crate::urdf::{self, PackagePlaces};
+use crate::robot::{self, Companions};
 
 /// A model as it was read, and what worlds of it have in common.
 #[derive(Debug)]
@@ -72,7 +72,7 @@ struct Kept<T> {
     description: Weak<T>,
     report: Report,
     sources: Sources,
-    packages: PackagePlaces,
+    companions: Companions,
 }
 
 /// By path, as it was written: names of files in a description begin with it.
@@ -86,19 +86,19 @@ static BUILT_IN: LazyLock<Mutex<HashMap<String, Weak<SharedModel>>>> = LazyLock:
 
 /// What some world has read of a file, if it would be read again now.
 fn find<T>(all: &Descriptions<T>, path: &Path) -> Option<(Arc<T>, Report)> {
-    let (found, sources, packages) = {
+    let (found, sources, companions) = {
         let all = all.lock();
-        let Kept { description, report, sources, packages } = all.get(path)?;
-        ((description.upgrade()?, report.clone()), sources.clone(), packages.clone())
+        let Kept { description, report, sources, companions } = all.get(path)?;
+        ((description.upgrade()?, report.clone()), sources.clone(), companions.clone())
     };
-    (sources.are_current() && packages.are_current(path)).then_some(found)
+    (sources.are_current() && companions.are_current(path)).then_some(found)
 }
 
 /// Reads a file, unless some world has read it.
 fn shared<T>(
     all: &Descriptions<T>,
     path: &Path,
-    read: impl FnOnce() -> Result<(Arc<T>, Report, PackagePlaces), LoadError>,
+    read: impl FnOnce() -> Result<(Arc<T>, Report, Companions), LoadError>,
 ) -> Result<(Arc<T>, Report), LoadError> {
     if let Some(found) = find(all, path) {
         return Ok(found);
@@ -107,15 +107,15 @@ fn shared<T>(
     sources.add(path);
     // Of a file that is being written nobody knows whether a later change would be seen.
     let is_settled = sources.are_settled();
-    let (description, report, packages) = read()?;
-    if is_settled && sources.are_current() {
+    let (description, report, companions) = read()?;
+    if is_settled && sources.are_current() && companions.files.are_settled() && companions.files.are_current() {
         let mut all = all.lock();
         // Another thread may have been quicker.
-        let same = all.get(path).filter(|kept| kept.sources == sources && kept.packages == packages);
+        let same = all.get(path).filter(|kept| kept.sources == sources && kept.companions == companions);
         if let Some(found) = same.and_then(|kept| kept.description.upgrade()) {
             return Ok((found, report));
         }
-        let kept = Kept { description: Arc::downgrade(&description), report: report.clone(), sources, packages };
+        let kept = Kept { description: Arc::downgrade(&description), report: report.clone(), sources, companions };
         insert(&mut all, path.to_path_buf(), kept, |kept| kept.description.strong_count() > 0);
     }
     Ok((description, report))
@@ -127,17 +127,17 @@ fn insert<K: Hash + Eq, V>(all: &mut HashMap<K, V>, key: K, kept: V, is_used: im
     all.insert(key, kept);
 }
 
-/// A model file, URDF or ADF, and what is wrong in it.
+/// A model file, URDF, MJCF or ADF, and what is wrong in it.
 ///
 /// # Errors
 /// Those of [`read_model`](super::read_model).
 pub(super) fn model(path: &Path) -> Result<(Arc<SharedModel>, Report), LoadError> {
     shared(&MODELS, path, || {
-        let (model, report, packages) = match urdf::is_urdf(path) {
-            true => urdf::load_with_places(path)?,
-            false => adf::load(path).map(|(model, report)| (model, report, PackagePlaces::default()))?,
+        let (model, report, companions) = match robot::is_robot(path) {
+            true => robot::load_with_companions(path)?,
+            false => adf::load(path).map(|(model, report)| (model, report, Companions::default()))?,
         };
-        Ok((SharedModel::new(model), report, packages))
+        Ok((SharedModel::new(model), report, companions))
     })
 }
 
@@ -151,7 +151,7 @@ pub(super) fn world(
 ) -> Result<(Arc<adf::World>, Report), LoadError> {
     shared(&WORLDS, path, || {
         let (world, report) = adf::load(path)?;
-        Ok((Arc::new(completed(world)), report, PackagePlaces::default()))
+        Ok((Arc::new(completed(world)), report, Companions::default()))
     })
 }
 
@@ -163,7 +163,7 @@ pub(super) fn world(
 pub fn shared_launch(path: &Path) -> Result<(Arc<adf::Launch>, Report), LoadError> {
     shared(&LAUNCHES, path, || {
         let (launch, report) = adf::load(path)?;
-        Ok((Arc::new(launch), report, PackagePlaces::default()))
+        Ok((Arc::new(launch), report, Companions::default()))
     })
 }
 

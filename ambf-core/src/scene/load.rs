@@ -16,14 +16,14 @@ use crate::adf::{self, LoadError, Report, Severity};
 use crate::bullet::Solver;
 use crate::control::Profile;
 use crate::ids::ModelId;
-use crate::urdf;
+use crate::robot;
 
 /// The files a scene is made of, in the order in which their contents are created.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SceneFiles {
     /// World file; `None`: default world attributes and no environment.
     pub world: Option<PathBuf>,
-    /// Model files, ADF or URDF. One that is given twice is built twice.
+    /// Model files, ADF, URDF or MJCF. One that is given twice is built twice.
     pub models: Vec<PathBuf>,
 }
 
@@ -219,13 +219,13 @@ impl Scene {
     }
 }
 
-/// Reads a model file: URDF if its name says so ([`urdf::is_urdf`]), else ADF.
+/// Reads a model file: URDF or MJCF if its name says so ([`robot::is_robot`]), else ADF.
 ///
 /// # Errors
-/// Those of [`urdf::load`] and [`adf::load`].
+/// Those of [`robot::load`] and [`adf::load`].
 pub fn read_model(path: &Path) -> Result<(adf::Model, Report), LoadError> {
-    if urdf::is_urdf(path) {
-        urdf::load(path)
+    if robot::is_robot(path) {
+        robot::load(path)
     } else {
         adf::load(path)
     }

@@ -8,7 +8,7 @@ use thiserror::Error;
 use super::{Body, Joint, JointType, Scene};
 use crate::adf::Limits;
 use crate::ids::{BodyId, JointId};
-use ambf_dynamics::tree::{Link, Motion, Tree};
+use ambf_dynamics::tree::{Follower, Link, Motion, Tree};
 
 /// Bodies that joints hold together, and what they are in a [`Tree`].
 ///
@@ -60,7 +60,7 @@ impl Scene {
     /// The tree that a body is part of: all that hangs together by joints. A body without mass, as which it stands still, is the
     /// base of all that hangs on it. Else the base is free: the body that no joint has as its child.
     ///
-    /// Joints are without what they lose, and springs beside a joint, motors and limits are not part of it. Bodies that an
+    /// Joints are without what they lose, but for the inertia of their rotors, and springs beside a joint, motors and limits are not part of it. Bodies that an
     /// actuator holds are neither.
     ///
     /// # Errors
@@ -101,7 +101,15 @@ impl Scene {
             }
             next += 1;
         }
-        let tree = Tree::new(links, of_base.is_dynamic());
+        let number = |id: &JointId| with_coordinate.binary_search(id).ok();
+        let followers = with_coordinate.iter().enumerate().filter_map(|(coordinate, id)| {
+            let coupling = self.joints[*id].coupling.as_ref()?;
+            // A leader in another tree: that coupling is between two.
+            let leaders: Option<Vec<_>> =
+                coupling.leaders.iter().map(|(leader, ratio)| Some((number(leader)?, *ratio))).collect();
+            Some(Follower { coordinate, leaders: leaders? })
+        });
+        let tree = Tree::new(links, of_base.is_dynamic()).with_followers(followers.collect());
         Ok(Mechanism { tree, bodies: order, joints: with_coordinate })
     }
 
@@ -197,6 +205,7 @@ impl Scene {
             inertia: self.moments(body)?,
             gravity: self.gravity_of(body),
             limits: limits.map_or([f64::NEG_INFINITY, f64::INFINITY], |Limits { low, high }| [low, high]),
+            armature: if motion == Motion::Fixed { 0.0 } else { joint.drive_train.armature },
         })
     }
 }

@@ -88,6 +88,7 @@ impl Builder<'_> {
         let apart = bullet::Apart {
             family: if keeps_apart { self.model.index() as u32 + 1 } else { 0 },
             groups: &body.collision_groups,
+            filter: body.collision_filter.as_ref().map(|filter| (self.model.index() as u32 + 1, filter)),
         };
         let handle = self.scene.world.add_body_apart(index, rigid, apart);
         self.set_continuous(body, handle);

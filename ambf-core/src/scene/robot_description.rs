@@ -294,7 +294,9 @@ fn geometries(part: &Part) -> Vec<(Isometry3<f64>, String)> {
             let cap = |side: f64| (along(axis) * Translation3::new(0.0, 0.0, side * shaft / 2.0), sphere(*radius));
             vec![(along(axis), cylinder(*radius, shaft)), cap(-1.0), cap(1.0)]
         }
-        PartGeometry::Primitive(Primitive::Cone { .. } | Primitive::Plane { .. }) => Vec::new(),
+        PartGeometry::Primitive(Primitive::Cone { .. } | Primitive::Ellipsoid { .. } | Primitive::Plane { .. }) => {
+            Vec::new()
+        }
         PartGeometry::Mesh { path, scale } => {
             let path = std::path::absolute(path).unwrap_or_else(|_| path.clone());
             let file = path.display().to_string();

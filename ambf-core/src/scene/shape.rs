@@ -152,6 +152,7 @@ fn primitive(primitive: &Primitive, margin: Margin) -> Shape {
     match *primitive {
         Primitive::Box { size } => Shape::cuboid(size / 2.0, margin),
         Primitive::Sphere { radius } => Shape::sphere(radius, margin),
+        Primitive::Ellipsoid { radii } => ellipsoid(&radii, margin),
         Primitive::Cylinder { radius, height, axis: a } => Shape::cylinder(axis(a), radius, height, margin),
         // ADF gives the total height, Bullet wants the part between the caps.
         Primitive::Capsule { radius, height, axis: a } => {
@@ -160,6 +161,25 @@ fn primitive(primitive: &Primitive, margin: Margin) -> Shape {
         Primitive::Cone { radius, height, axis: a } => Shape::cone(axis(a), radius, height, margin),
         Primitive::Plane { normal, offset } => Shape::plane(normal, offset, margin),
     }
+}
+
+/// Corners of the hull that stands for an ellipsoid, along each of two sets of circles.
+const ELLIPSOID_CIRCLES: usize = 12;
+
+/// Bullet's balls cannot be stretched: a hull of points on the surface, which is at most 3 % of the radii inside of it.
+fn ellipsoid(radii: &Vector3<f64>, margin: f64) -> Shape {
+    use std::f64::consts::PI;
+    let step = PI / ELLIPSOID_CIRCLES as f64;
+    let poles = [Vector3::z(), -Vector3::z()].into_iter();
+    let circles = (1..ELLIPSOID_CIRCLES).flat_map(|row| {
+        let (ring, z) = (row as f64 * step).sin_cos();
+        (0..2 * ELLIPSOID_CIRCLES).map(move |column| {
+            let (sine, cosine) = (column as f64 * step).sin_cos();
+            Vector3::new(ring * cosine, ring * sine, z)
+        })
+    });
+    let points: Vec<[f64; 3]> = poles.chain(circles).map(|point| point.component_mul(radii).into()).collect();
+    Shape::convex_part(&points, margin.min(MOST_MESH_MARGIN * radii.min()))
 }
 
 fn compound(children: Vec<(Shape, Isometry3<f64>)>) -> Shape {
@@ -318,6 +338,7 @@ mod tests {
             for p in [
                 Primitive::Box { size: Vector3::new(0.2, 0.4, 0.8) },
                 Primitive::Sphere { radius: 0.3 },
+                Primitive::Ellipsoid { radii: Vector3::new(0.1, 0.2, 0.4) },
                 Primitive::Cylinder { radius: 0.2, height: 1.0, axis },
                 Primitive::Capsule { radius: 0.2, height: 1.0, axis },
                 Primitive::Cone { radius: 0.2, height: 1.0, axis },

@@ -15,6 +15,7 @@ mod kinematic_bodies;
 mod line_contacts;
 mod lost_states;
 mod mesh_holes;
+mod mjcf;
 mod models_at_run_time;
 mod parameters;
 mod physics_churn;

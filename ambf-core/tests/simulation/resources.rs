@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use ambf_core::adf::{
     load, ColorTable, Description, InputDevices, JointKind, Launch, Model, Problem, RigidBody, World,
 };
+use ambf_core::robot::is_robot;
 use ambf_core::scene::read_model;
-use ambf_core::urdf::is_urdf;
 use nalgebra::{Point3, Vector3};
 
 fn resources() -> PathBuf {
@@ -27,7 +27,7 @@ fn launch() -> Launch {
 /// A model that may be URDF, where velocity limits and frames without a mass are reported.
 fn model(path: &Path) -> Model {
     let (model, report) = read_model(path).unwrap_or_else(|e| panic!("{e}"));
-    let known = |p: &Problem| is_urdf(path) && matches!(p.key.as_str(), "velocity" | "inertial");
+    let known = |p: &Problem| is_robot(path) && matches!(p.key.as_str(), "velocity" | "inertial");
     assert!(report.errors() == 0 && report.problems().iter().all(known), "{}", report.verbose());
     model
 }
@@ -70,7 +70,7 @@ fn every_scene_is_listed_and_loads_without_a_warning() {
         let model = model(path);
         assert!(!model.bodies.is_empty(), "{}", model.name);
         let text = std::fs::read_to_string(path).expect("readable scene");
-        let comment = if is_urdf(path) { "<?xml version=\"1.0\"?>\n<!--\n  " } else { "# " };
+        let comment = if is_robot(path) { "<?xml version=\"1.0\"?>\n<!--\n  " } else { "# " };
         assert!(text.starts_with(comment), "{}: the first line says what the scene shows", model.name);
     }
 }

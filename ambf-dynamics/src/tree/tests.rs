@@ -58,6 +58,7 @@ impl Numbers {
             inertia: Vector3::repeat(0.5) + self.vector() * 0.1,
             gravity: Vector3::new(0.3, -0.2, -9.81),
             limits: [-2.0, 2.0],
+            armature: if motion == Motion::Fixed { 0.0 } else { 0.3 + 0.2 * self.next() },
         }
     }
 }
@@ -266,6 +267,34 @@ fn a_pendulum_is_that_of_the_textbook() {
     assert!((posture.poses()[1].translation.vector - Vector3::new(-0.5, 0.0, 0.0)).norm() < 1e-15);
     assert!((posture.gravity_forces()[0] - 2.0 * 10.0 * 0.5).abs() < 1e-14);
     assert!(posture.coriolis_forces(&[3.0])[0].abs() < 1e-14);
+}
+
+#[test]
+fn a_rotor_adds_to_its_joint() {
+    let mut tree = pendulum();
+    tree.links[1].armature = 0.25;
+    let posture = tree.posture(&Isometry3::identity(), &[FRAC_PI_2]);
+    assert!((posture.mass_matrix()[(0, 0)] - (0.1 + 2.0 * 0.25 + 0.25)).abs() < 1e-15);
+    assert!((posture.inverse_dynamics(&[0.0], &[2.0])[0] - (2.0 * 10.0 * 0.5 + 2.0 * 0.85)).abs() < 1e-14);
+    assert!((posture.kinetic_energy(&[2.0]) - 0.5 * 0.85 * 4.0).abs() < 1e-14);
+}
+
+#[test]
+fn couplings_are_rows_of_the_rates() {
+    let mut numbers = Numbers(5);
+    for (is_free, first) in [(false, 0), (true, 6)] {
+        let followers = vec![
+            Follower { coordinate: 2, leaders: vec![(0, 0.5), (5, -3.0)] },
+            Follower { coordinate: 4, leaders: vec![(2, 2.0)] },
+        ];
+        let tree = numbers.tree(is_free).with_followers(followers);
+        let rows = tree.coupling_rows();
+        assert_eq!(rows.shape(), (2, tree.rates()));
+        let mut rates = numbers.list(tree.rates());
+        rates[first + 2] = 0.5 * rates[first] - 3.0 * rates[first + 5];
+        rates[first + 4] = 2.0 * rates[first + 2];
+        assert!((rows * DVector::from_vec(rates)).amax() < 1e-14);
+    }
 }
 
 #[test]

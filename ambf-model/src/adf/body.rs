@@ -37,6 +37,8 @@ pub struct RigidBody {
     pub continuous_collision: Option<bool>,
     /// Collision groups, each 0 to 999, in file order.
     pub collision_groups: Vec<u32>,
+    /// Which bodies of its model it collides with, for descriptions that are not ADF; `None`: with all.
+    pub collision_filter: Option<CollisionFilter>,
     /// Collides with the other bodies of its model although the model says that they don't collide with each other.
     /// Default: `false`, as in every ADF file.
     pub self_collision: bool,
@@ -50,6 +52,24 @@ pub struct RigidBody {
     pub publish_joint_names: bool,
     /// Positions, velocities and efforts of active joints in the state message. Default: `true`.
     pub publish_joint_positions: bool,
+}
+
+/// Which bodies of a model a body collides with: those of other clusters than its own and the one that carries it, if the kind of
+/// one has a bit in common with the affinity of the other.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CollisionFilter {
+    /// Bits.
+    pub kind: u32,
+    /// Bits.
+    pub affinity: u32,
+    /// Number of the body, for `excluded`.
+    pub member: u32,
+    /// Number of the bodies that are fixed to each other, of which it is one.
+    pub cluster: u32,
+    /// Cluster that carries its own; `None`: none, or it collides with it.
+    pub outer: Option<u32>,
+    /// Members of the model that it never collides with; they list it, too.
+    pub excluded: Vec<u32>,
 }
 
 /// Contact and damping properties of a rigid body.
@@ -95,6 +115,7 @@ impl RigidBody {
             collision_margin: map.real_in("collision margin", Range::NotNegative).unwrap_or(0.001),
             continuous_collision: map.boolean("continuous collision"),
             collision_groups: map.collision_groups(),
+            collision_filter: None,
             self_collision: false,
             surface: Surface::read(map),
             controller: map.cartesian_controller("controller"),

@@ -34,6 +34,11 @@ pub enum Primitive {
         /// Radius, m.
         radius: f64,
     },
+    /// Ellipsoid, for descriptions that are not ADF.
+    Ellipsoid {
+        /// Half axes along x, y, z, m.
+        radii: Vector3<f64>,
+    },
     /// Cylinder.
     Cylinder {
         /// Radius, m.

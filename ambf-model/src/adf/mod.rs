@@ -40,7 +40,7 @@ pub use reader::is_version_key;
 use reader::{Map, Reader};
 use yaml::{Document, Kind, Mark, NodeId, SyntaxError};
 
-pub use body::{RigidBody, Surface};
+pub use body::{CollisionFilter, RigidBody, Surface};
 pub use camera::{Camera, DepthNoise, Intrinsics, MouseMultipliers, PublishedFrame, Stereo};
 pub use color::ColorTable;
 pub use common::{Common, Material, PhysicalMaterial, PluginEntry, ShaderProgram, SourcePos};

@@ -328,8 +328,8 @@ pub enum LoadError {
         /// What the root is.
         found: &'static str,
     },
-    /// Error when the root element of a robot description is not `<robot>`.
-    #[error("{at}: the root element is <{found}>, expected <robot>")]
+    /// Error when the root element of a robot description is neither `<robot>` nor `<mujoco>`.
+    #[error("{at}: the root element is <{found}>, expected <robot> (URDF) or <mujoco> (MJCF)")]
     NotARobot {
         /// The root element.
         at: SourcePos,

@@ -22,6 +22,7 @@ impl VisualMesh {
         let mut part = match *primitive {
             Primitive::Box { size } => cuboid(size / 2.0),
             Primitive::Sphere { radius } => revolved(&[cap(radius, 0.0, -1.0), cap(radius, 0.0, 1.0)].concat()),
+            Primitive::Ellipsoid { radii } => ellipsoid(&radii),
             Primitive::Cylinder { radius, height, .. } => {
                 let z = height / 2.0;
                 let rim = |z, normal| Ring { radius, z, normal };
@@ -63,7 +64,10 @@ impl VisualMesh {
                 };
                 part.positions.iter_mut().chain(&mut part.normals).for_each(|v| *v = turn(*v));
             }
-            Primitive::Box { .. } | Primitive::Sphere { .. } | Primitive::Plane { .. } => {}
+            Primitive::Box { .. }
+            | Primitive::Sphere { .. }
+            | Primitive::Ellipsoid { .. }
+            | Primitive::Plane { .. } => {}
         }
         part.nodes = (0..part.positions.len() as u32).collect();
         VisualMesh { parts: vec![part] }
@@ -104,6 +108,17 @@ fn cap(radius: f64, z: f64, side: f64) -> Vec<Ring> {
         true => (0..=steps).rev().map(ring).collect(),
         false => (0..=steps).map(ring).collect(),
     }
+}
+
+/// A ball that is stretched along the axes.
+fn ellipsoid(radii: &Vector3<f64>) -> VisualMeshPart {
+    let mut part = revolved(&[cap(1.0, 0.0, -1.0), cap(1.0, 0.0, 1.0)].concat());
+    for (position, normal) in part.positions.iter_mut().zip(&mut part.normals) {
+        let on_ball = Vector3::from(position.map(f64::from));
+        *position = on_ball.component_mul(radii).map(|x| x as f32).into();
+        *normal = on_ball.component_div(radii).try_normalize(0.0).unwrap_or(on_ball).map(|x| x as f32).into();
+    }
+    part
 }
 
 /// The surface between successive rings, which go upwards where the surface looks outwards. Texture: u around, v along
@@ -245,6 +260,10 @@ mod tests {
         assert!(near(extent(&sphere), [4.0; 3]));
         assert_eq!(sphere.triangles.len(), 32 * 31 * 2);
         assert!(sphere.positions.iter().all(|p| (Vector3::from(*p).norm() - 2.0).abs() < 1e-6));
+        let radii = Vector3::new(1.0, 1.2, 1.4);
+        let ellipsoid = drawn(&Primitive::Ellipsoid { radii });
+        let off = |p: &[f32; 3]| (Vector3::from(*p).cast::<f64>().component_div(&radii).norm() - 1.0).abs();
+        assert!(ellipsoid.positions.iter().all(|p| off(p) < 1e-6));
         let cuboid = drawn(&Primitive::Box { size: Vector3::new(1.0, 2.0, 3.0) });
         assert!(near(extent(&cuboid), [1.0, 2.0, 3.0]) && (volume(&cuboid) - 6.0).abs() < 1e-6);
     }

@@ -94,6 +94,7 @@ fn body(link: &Link<'_>, place: &Place, shapes: Shapes, namespace: &str) -> Rigi
         collision,
         collision_margin: 0.001,
         collision_groups: vec![],
+        collision_filter: None,
         self_collision,
         continuous_collision: None,
         // The format has no rolling friction.

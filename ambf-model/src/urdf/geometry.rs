@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector3;
 
 use super::package::Packages;
-use super::xml::{quoted, Element, Id};
 use crate::adf::{Axis, Material, Part, PartGeometry, Primitive, ProblemKind, Severity, VisualPart};
+use crate::xml::{quoted, Element, Id};
 
 /// The materials that a robot defines, by itself or in its visuals.
 pub(super) struct Materials<'a> {

@@ -4,10 +4,10 @@ use std::collections::HashMap;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::xml::{quoted, Element};
 use crate::adf::{
     ordered, Coupled, Coupling, DriveTrain, JointKind, Leader, Limits, ProblemKind, SixDofLimits, IMPULSE_STEP,
 };
+use crate::xml::{quoted, Element};
 
 /// A joint as written, with the links it joins.
 #[derive(Clone)]

@@ -3,8 +3,8 @@
 use super::geometry::{collisions, visuals, Materials};
 use super::inertia::Inertial;
 use super::package::Packages;
-use super::xml::Element;
 use crate::adf::{Part, VisualPart};
+use crate::xml::Element;
 
 /// A link as written.
 pub(super) struct Link<'a> {

@@ -15,7 +15,6 @@ mod joint;
 mod link;
 mod package;
 mod tree;
-mod xml;
 
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
@@ -24,16 +23,10 @@ use std::path::Path;
 pub use package::{PackagePlaces, Packages};
 
 use crate::adf::{read_bytes, text_of, LoadError, Model, ProblemKind, Report};
+use crate::xml::{quoted, Element, File};
 use geometry::Materials;
 use joint::Joint;
 use link::Link;
-use xml::{quoted, Element, File};
-
-/// Whether the name of a file says that it is a robot description: `urdf`, `xacro` or `xml`, in any letter case.
-pub fn is_urdf(path: &Path) -> bool {
-    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
-    ["urdf", "xacro", "xml"].iter().any(|known| known.eq_ignore_ascii_case(extension))
-}
 
 /// Reads a robot description. Packages are looked for with [`Packages::around`]; meshes are not opened.
 ///
@@ -46,19 +39,8 @@ pub fn is_urdf(path: &Path) -> bool {
 /// [`LoadError`]: the file is unreadable, larger than 64 MiB, no text, no XML, no `<robot>`, still to be processed by xacro, or has
 /// numbers or names that cannot be read (then all of them are reported).
 pub fn load(path: &Path) -> Result<(Model, Report), LoadError> {
-    load_with_places(path).map(|(model, report, _)| (model, report))
-}
-
-/// [`load`], and where the packages were found that the description refers to: together with the file they decide what
-/// is read.
-///
-/// # Errors
-/// Those of [`load`].
-pub fn load_with_places(path: &Path) -> Result<(Model, Report, PackagePlaces), LoadError> {
-    let packages = Packages::around(path);
     let bytes = read_bytes(path)?;
-    let (model, report) = parse(text_of(&bytes, path)?, path, &packages)?;
-    Ok((model, report, packages.places()))
+    parse(text_of(&bytes, path)?, path, &Packages::around(path))
 }
 
 /// Reads a text as [`load`] reads a file; `path` stands for its name. With the default `packages` no file is looked at.
@@ -74,7 +56,7 @@ pub fn parse(text: &str, path: &Path, packages: &Packages) -> Result<(Model, Rep
     let file = File::new(text, path);
     let model = {
         let document = file.parse()?;
-        read(&Element::robot(&document, &file)?, packages)
+        read(&Element::root(&document, &file)?.expect_tag(&["robot"])?, packages)
     };
     let report = file.into_report();
     if report.is_fatal() {

@@ -397,7 +397,7 @@ fn places_of_problems() {
     );
     assert!(message.contains("t.urdf:4:28: error: `link b / inertial / inertia / iyy` is missing"), "{message}");
     assert!(error("<robot name='r'>\n<link></robot>").starts_with("t.urdf:2:7: syntax error: "));
-    assert_eq!(error("\n <sdf/>"), "t.urdf:2:2: the root element is <sdf>, expected <robot>");
+    assert_eq!(error("\n <sdf/>"), "t.urdf:2:2: the root element is <sdf>, expected <robot> (URDF) or <mujoco> (MJCF)");
     for numbers in ["nan 0 0", "0 inf 0", "1e999 0 0", "1 2", "1 2 3 4", "", "1,2,3", "${x} 0 0"] {
         let text = robot(&(links(&["A", "B"]) + &joint("fixed", "A", "B").replace("1 0 0", numbers)));
         assert!(error(&text).contains("`joint A-B / origin / xyz` is "), "{numbers}");

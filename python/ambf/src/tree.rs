@@ -145,6 +145,11 @@ impl Tree {
         Ok(PyArray1::from_slice(py, matrix.as_slice()))
     }
 
+    /// (followers x n), row by row.
+    fn coupling_rows<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_iter(py, self.mechanism.tree.coupling_rows().transpose().iter().copied())
+    }
+
     /// (n)
     fn inverse_dynamics<'py>(
         &self,

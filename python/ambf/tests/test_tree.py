@@ -118,6 +118,37 @@ class Trees(unittest.TestCase):
                 found = (tree.rates - rates) / 0.004
                 np.testing.assert_allclose(found, (before + after) / 2, rtol=0.01, atol=0.01, err_msg=profile)
 
+    def test_rotors_and_couplings(self):
+        """Accelerations of a mechanism that is let go, with the inertia of rotors, and a joint that follows another one."""
+        text = """
+            <mujoco><worldbody><body name="upper"><joint name="a" axis="0 1 0" armature="0.2"/>
+              <geom type="capsule" size="0.03" fromto="0 0 0 0.4 0 0"/>
+              <body name="lower" pos="0.4 0 0"><joint name="b" axis="0 1 0" armature="0.05"/>
+              <geom type="capsule" size="0.03" fromto="0 0 0 0.3 0 0.1"/></body></body></worldbody>
+            <equality><joint joint1="b" joint2="a" polycoef="0 -1.5 0 0 0"/></equality></mujoco>"""
+        with tempfile.TemporaryDirectory() as folder:
+            file = pathlib.Path(folder) / "two.xml"
+            file.write_text(text)
+            sim = ambf.Simulation(file, launch_file=LAUNCH)
+            plain = pathlib.Path(folder) / "plain.xml"
+            plain.write_text(text.replace(' armature="0.2"', "").replace(' armature="0.05"', ""))
+            without = ambf.Simulation(plain, launch_file=LAUNCH).tree("upper").mass_matrix()
+        tree = sim.tree("upper")
+        np.testing.assert_allclose(tree.mass_matrix() - without, np.diag([0.2, 0.05]), atol=1e-12)
+        np.testing.assert_array_equal(tree.coupling_rows(), [[1.5, 1]])
+
+        def accelerations():
+            mass, rows = tree.mass_matrix(), tree.coupling_rows()
+            system = np.block([[mass, -rows.T], [rows, np.zeros((1, 1))]])
+            return np.linalg.solve(system, np.append(-tree.bias_forces(), 0))[:2]
+
+        sim.step(50)
+        rates, before = tree.rates, accelerations()
+        np.testing.assert_allclose(tree.coupling_rows() @ rates, 0, atol=1e-9)
+        sim.step(4)
+        found = (tree.rates - rates) / 0.004
+        np.testing.assert_allclose(found, (before + accelerations()) / 2, rtol=1e-3)
+
     def test_a_base_that_is_free(self):
         """A cube that falls: its 6 rates are its twist."""
         with tempfile.TemporaryDirectory() as folder:

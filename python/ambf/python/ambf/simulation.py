@@ -137,8 +137,8 @@ class Simulation(Arrays):
         step: float = 0.001,
         plugins: Sequence[Path] = (),
     ) -> None:
-        """Loads `models` (ADF or URDF files), then those at `indexes` of the launch file's list, into the world of `world`, else of the
-        launch file, else an empty one.
+        """Loads `models` (ADF, URDF or MJCF files), then those at `indexes` of the launch file's list, into the world of `world`, else of
+        the launch file, else an empty one.
 
         `profile`: "legacy", "accurate" or "pybullet"; `solver`, `integrator`, `iterations`, `articulated`, `sleep`: as the options of
         the programs. None: what the world file says, else the profile; the profile is "accurate" unless the world file names another one

@@ -33,7 +33,8 @@ class Tree:
     """Bodies that revolute, prismatic and fixed joints hold together: Jacobians, mass matrix, forces, inverse kinematics.
 
     They follow from masses, inertias, frames and coordinates, not from the solver, and are the same in every profile. Joints have no
-    gap. What joints lose (damping, friction), springs, motors, limits, contacts and what actuators hold is not part of them.
+    gap. The inertia of rotors (armature) is part of them. What joints lose (damping, friction), springs, motors, limits, contacts and
+    what actuators hold is not, nor are couplings: they are rows of `coupling_rows`.
 
     **Rates** (n) are, if the base is free, its twist as in `Simulation.twists` (velocity of its centre of mass, m/s; angular velocity,
     rad/s; world axes), and then those of the joints in the order of `joints`, which is that of `Simulation.joints` (rad/s or m/s).
@@ -107,8 +108,19 @@ class Tree:
     def mass_matrix(
         self, *, joint_positions: Optional[ArrayLike] = None, base_pose: Optional[ArrayLike] = None
     ) -> Array:
-        """(n x n) M, symmetric and positive: rates · M · rates / 2 is the kinetic energy, J; forces = M · accelerations + bias forces."""
+        """(n x n) M, symmetric and positive: rates · M · rates / 2 is the kinetic energy, J; forces = M · accelerations + bias forces.
+
+        Rotors add their inertia to the diagonal, as in MuJoCo.
+        """
         return self._current().mass_matrix(*self._place(joint_positions, base_pose)).reshape(self.size, self.size)
+
+    def coupling_rows(self) -> Array:
+        """(couplings of the tree x n) C, with C · rates = 0: 1 for a joint that follows others, minus its ratio for each of those.
+
+        With them accelerations a and forces λ of the couplings follow from M · a + bias forces = forces + Cᵀ · λ and C · a = 0. A joint
+        that follows one of another tree has no row.
+        """
+        return self._current().coupling_rows().reshape(-1, self.size)
 
     def inverse_dynamics(
         self,

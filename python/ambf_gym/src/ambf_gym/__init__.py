@@ -2,7 +2,7 @@
 
 `SimulatorEnv` steps a `Task`, which is put together from parts of observations and actions and a few functions, in a `Backend`:
 `RosBackend`, or `InProcessBackend` with the package `ambf`. `InProcessVectorEnv` steps many at once.
-The worked tasks are registered as `ambf/Reach-v0`, `ambf/Lift-v0` and `ambf/PegTransfer-v0`.
+The worked tasks are registered as `ambf/Reach-v0`, `ambf/Lift-v0`, `ambf/NeedlePick-v0` and `ambf/PegTransfer-v0`.
 """
 
 from __future__ import annotations
@@ -65,7 +65,12 @@ __all__ = [
     "Worlds",
 ]
 
-for _name, _function, _steps in (("Reach", "reach", 50), ("Lift", "lift", 200), ("PegTransfer", "peg_transfer", 3600)):
+for _name, _function, _steps in (
+    ("Reach", "reach", 50),
+    ("Lift", "lift", 200),
+    ("NeedlePick", "needle_pick", 400),
+    ("PegTransfer", "peg_transfer", 3600),
+):
     gymnasium.register(
         f"ambf/{_name}-v0",
         max_episode_steps=_steps,

@@ -288,6 +288,11 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         self._states = None
         self._backend.close()
 
+    def action_parts(self) -> Sequence[Tuple[str, slice]]:
+        """The body or actuator that each part of the action commands, and where its numbers stand."""
+        named = (getattr(part, "actuator", "") or getattr(part, "body", "") for part in self._task.act)
+        return [(str(name), piece) for name, piece in zip(named, self._slices)]
+
     @property
     def states(self) -> Optional[States]:
         """What was observed last, in full."""

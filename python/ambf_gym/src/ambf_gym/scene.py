@@ -140,6 +140,9 @@ def _adf_limits(model: Any) -> Limits:
 
 def _urdf_limits(robot: xml.Element) -> Limits:
     limits: Limits = {}
+    if robot.tag == "mujoco":
+        # Ranges of MJCF depend on classes and included files: tasks in process ask the simulation, others give them.
+        return limits
     for joint in robot.iter("joint"):
         bounds = joint.find("limit")
         if bounds is not None and joint.get("type") in ("revolute", "prismatic"):

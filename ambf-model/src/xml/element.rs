@@ -3,14 +3,15 @@
 //! `roxmltree` is used as it is, not through a URDF crate: those stop at the first problem and don't say where it is.
 
 use std::cell::RefCell;
+use std::ops::RangeInclusive;
 use std::path::Path;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use roxmltree::{Document, Node, ParsingOptions};
 
+use super::{find_excess, MAX_NODES};
 use crate::adf::{LoadError, Problem, ProblemKind, Report, Severity, SourcePos};
-use crate::xml::{find_excess, MAX_NODES};
 
 /// Most quotes in one tag.
 const MAX_QUOTES: usize = 512;
@@ -21,11 +22,14 @@ const MAX_NAME: usize = 255;
 /// Largest number that is taken for a quantity: its products still are numbers.
 const MAX_NUMBER: f64 = 1e100;
 
+/// Most elements, from the inside, that lead to the place of a problem: bodies may lie in bodies without end.
+const MOST_OUTER: usize = 4;
+
 /// Columns in lines longer than this are counted in bytes, not in characters: some tools write everything in one line.
 const LONG_LINE: usize = 4096;
 
 /// A file while it is read.
-pub(super) struct File<'t> {
+pub(crate) struct File<'t> {
     text: &'t str,
     path: Arc<Path>,
     /// Byte at which the document starts: blanks and comments before the XML declaration, which XML does not allow, are
@@ -133,35 +137,41 @@ fn shortened(text: &str, length: usize) -> String {
 }
 
 /// A text of the file in a message.
-pub(super) fn quoted(text: &str) -> String {
+pub(crate) fn quoted(text: &str) -> String {
     format!("`{}`", shortened(text, 60))
 }
 
 /// What tells elements of a file apart.
-pub(super) type Id = roxmltree::NodeId;
+pub(crate) type Id = roxmltree::NodeId;
 
 /// An element of a file.
 #[derive(Clone, Copy)]
-pub(super) struct Element<'a> {
+pub(crate) struct Element<'a> {
     node: Node<'a, 'a>,
     file: &'a File<'a>,
 }
 
 impl<'a> Element<'a> {
-    /// The `<robot>` of a document.
+    /// The outermost element of a document.
     ///
     /// # Errors
-    /// The root is another element, or xacro is left to be done.
-    pub fn robot(document: &'a Document<'a>, file: &'a File<'a>) -> Result<Self, LoadError> {
+    /// xacro is left to be done.
+    pub fn root(document: &'a Document<'a>, file: &'a File<'a>) -> Result<Self, LoadError> {
         let is_xacro = |node: &Node| node.tag_name().namespace().is_some_and(|uri| uri.contains("xacro"));
-        if let Some(node) = document.descendants().find(is_xacro) {
-            return Err(LoadError::Xacro { at: file.source(node.range().start) });
+        match document.descendants().find(is_xacro) {
+            Some(node) => Err(LoadError::Xacro { at: file.source(node.range().start) }),
+            None => Ok(Self { node: document.root_element(), file }),
         }
-        let root = Self { node: document.root_element(), file };
-        if root.tag() == "robot" {
-            Ok(root)
-        } else {
-            Err(LoadError::NotARobot { at: root.source(), found: shortened(root.tag(), 60) })
+    }
+
+    /// The element itself.
+    ///
+    /// # Errors
+    /// It is none of those that a robot description starts with.
+    pub fn expect_tag(self, tags: &[&str]) -> Result<Self, LoadError> {
+        match tags.contains(&self.tag()) {
+            true => Ok(self),
+            false => Err(LoadError::NotARobot { at: self.source(), found: shortened(self.tag(), 60) }),
         }
     }
 
@@ -213,6 +223,11 @@ impl<'a> Element<'a> {
         self.node.attribute(name)
     }
 
+    /// Names of its attributes that are in no namespace, in file order.
+    pub fn attribute_names(&self) -> impl Iterator<Item = &'a str> + use<'a> {
+        self.node.attributes().filter(|attribute| attribute.namespace().is_none()).map(|attribute| attribute.name())
+    }
+
     /// An attribute that cannot be missing.
     pub fn need(&self, name: &'static str, expected: &str) -> &'a str {
         self.attribute(name).unwrap_or_else(|| {
@@ -234,15 +249,21 @@ impl<'a> Element<'a> {
 
     /// An attribute of `N` numbers; `None` when it is absent or was reported.
     pub fn numbers<const N: usize>(&self, name: &'static str) -> Option<[f64; N]> {
+        <[f64; N]>::try_from(self.numbers_in(name, N..=N)?).ok()
+    }
+
+    /// An attribute of as many numbers as `counts` allows; `None` when it is absent or was reported.
+    pub fn numbers_in(&self, name: &'static str, counts: RangeInclusive<usize>) -> Option<Vec<f64>> {
         let text = self.attribute(name)?;
-        let expected = || match N {
-            1 => "a number".to_owned(),
-            _ => format!("{N} numbers with blanks between them"),
+        let expected = || match (*counts.start(), *counts.end()) {
+            (1, 1) => "a number".to_owned(),
+            (least, most) if least == most => format!("{least} numbers with blanks between them"),
+            (least, usize::MAX) => format!("at least {least} numbers with blanks between them"),
+            (least, most) => format!("{least} to {most} numbers with blanks between them"),
         };
-        let words: Vec<_> = text.split_ascii_whitespace().take(N + 1).collect();
-        let parsed: Result<Vec<f64>, _> = words.iter().map(|word| word.parse::<f64>()).collect();
-        let found = parsed.ok().and_then(|numbers| <[f64; N]>::try_from(numbers).ok());
-        let Some(numbers) = found else {
+        let words = text.split_ascii_whitespace().take(counts.end().saturating_add(1));
+        let parsed: Result<Vec<f64>, _> = words.map(str::parse::<f64>).collect();
+        let Some(numbers) = parsed.ok().filter(|numbers| counts.contains(&numbers.len())) else {
             self.problem(Severity::Fatal, ProblemKind::WrongType, name, &quoted(text), &expected(), "");
             return None;
         };
@@ -338,6 +359,7 @@ impl<'a> Element<'a> {
             .node
             .ancestors()
             .filter(|n| n.is_element() && (n.parent_element().is_some() || *n == self.node))
+            .take(MOST_OUTER)
             .map(|n| match n.attribute("name") {
                 Some(own) if !own.trim().is_empty() => {
                     format!("{} {}", shortened(n.tag_name().name(), 60), shortened(own, 60))

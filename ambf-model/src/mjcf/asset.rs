@@ -1,0 +1,265 @@
+//! Section `asset`: meshes and materials.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+
+use super::classes::Classes;
+use super::geom::{mesh_path, Meshes};
+use super::mass::{of_mesh, Mass, MeshVolume};
+use super::settings::{choice, finish, Compiler};
+use super::source::{Source, Surroundings};
+use crate::adf::{Material, PhysicalMaterial, ProblemKind};
+use crate::mesh::{self, Sources};
+use crate::xml::{quoted, Element};
+
+/// A mesh of the assets.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct MeshAsset {
+    pub path: PathBuf,
+    pub scale: Vector3<f64>,
+    /// Pose of the file's frame in that of the geoms that use it.
+    pub in_geom: Isometry3<f64>,
+    volume: MeshVolume,
+}
+
+/// What a material element and its defaults say.
+#[derive(Debug, Clone)]
+pub(super) struct MaterialText {
+    rgba: [f64; 4],
+    emission: f64,
+    specular: f64,
+    shininess: f64,
+    metallic: f64,
+    roughness: f64,
+}
+
+impl Default for MaterialText {
+    fn default() -> Self {
+        Self { rgba: [1.0; 4], emission: 0.0, specular: 0.5, shininess: 0.5, metallic: -1.0, roughness: -1.0 }
+    }
+}
+
+impl MaterialText {
+    pub fn apply(&mut self, element: &Element<'_>) {
+        let read = ["name", "class", "rgba", "emission", "specular", "shininess", "metallic", "roughness"];
+        let unused = [("only colours are used", &["texture", "texrepeat", "texuniform", "reflectance"][..])];
+        finish(element, &read, &unused, &["layer"]);
+        self.rgba = element.numbers("rgba").unwrap_or(self.rgba);
+        for (name, value) in [
+            ("emission", &mut self.emission),
+            ("specular", &mut self.specular),
+            ("shininess", &mut self.shininess),
+            ("metallic", &mut self.metallic),
+            ("roughness", &mut self.roughness),
+        ] {
+            *value = element.real(name).unwrap_or(*value);
+        }
+    }
+
+    fn material(&self) -> Material {
+        let [red, green, blue, alpha] = self.rgba.map(|part| part.clamp(0.0, 1.0));
+        let diffuse = [red, green, blue];
+        let part = |number: f64| number.clamp(0.0, 1.0);
+        let physical = (self.metallic >= 0.0 || self.roughness >= 0.0).then(|| PhysicalMaterial {
+            metallic: part(self.metallic),
+            // That of ADF where none is given.
+            roughness: if self.roughness >= 0.0 { part(self.roughness) } else { 0.5 },
+        });
+        Material {
+            ambient: diffuse.map(|c| 0.5 * c),
+            diffuse,
+            specular: [part(self.specular); 3],
+            emission: diffuse.map(|c| c * part(self.emission)),
+            alpha,
+            // OpenGL's exponents end at 128.
+            shininess: (part(self.shininess) * 128.0) as u32,
+            physical,
+        }
+    }
+}
+
+/// What meshes have of their defaults.
+#[derive(Debug, Clone)]
+pub(super) struct MeshText {
+    scale: Vector3<f64>,
+    volume: MeshVolume,
+}
+
+impl Default for MeshText {
+    fn default() -> Self {
+        Self { scale: Vector3::repeat(1.0), volume: MeshVolume::Legacy }
+    }
+}
+
+impl MeshText {
+    pub fn apply(&mut self, element: &Element<'_>) {
+        let read = [
+            "name",
+            "class",
+            "file",
+            "scale",
+            "inertia",
+            "refpos",
+            "refquat",
+            "vertex",
+            "face",
+            "builtin",
+            "params",
+            "content_type",
+        ];
+        let unused = [
+            ("shapes are hulls of all vertices", &["maxhullvert"][..]),
+            ("only the surface is used", &["normal", "texcoord", "smoothnormal", "material"][..]),
+        ];
+        finish(element, &read, &unused, &["plugin"]);
+        self.scale = element.vector("scale").unwrap_or(self.scale);
+        let words = [
+            ("exact", Some(MeshVolume::Exact)),
+            ("legacy", Some(MeshVolume::Legacy)),
+            ("convex", None),
+            ("shell", None),
+        ];
+        match choice(element, "inertia", &words) {
+            Some(Some(volume)) => self.volume = volume,
+            Some(None) => {
+                let action = "that of the enclosed volume is used";
+                let found = quoted(element.attribute("inertia").unwrap_or_default());
+                element.warn(ProblemKind::UnknownValue, "inertia", &found, "exact or legacy", action);
+                self.volume = MeshVolume::Exact;
+            }
+            None => (),
+        }
+    }
+}
+
+/// Meshes and materials by name.
+pub(super) struct Assets<'a> {
+    pub meshes: Meshes,
+    materials: HashMap<&'a str, MaterialText>,
+    surroundings: Surroundings,
+    /// What is known of files that were read.
+    volumes: RefCell<HashMap<PathBuf, Option<mesh::Mesh>>>,
+    /// Files that were read.
+    pub read: RefCell<Sources>,
+}
+
+impl<'a> Assets<'a> {
+    pub fn read(
+        sections: &[Element<'a>],
+        source: &Source<'a>,
+        classes: &Classes<'a>,
+        compiler: &Compiler,
+        surroundings: Surroundings,
+        file: &Path,
+    ) -> Self {
+        let mut assets = Self {
+            meshes: HashMap::new(),
+            materials: HashMap::new(),
+            surroundings,
+            volumes: RefCell::default(),
+            read: RefCell::default(),
+        };
+        let folder = file.parent().unwrap_or(Path::new(""));
+        for section in sections {
+            finish(section, &[], &[], &["mesh", "material", "texture", "hfield", "skin", "model"]);
+            for element in source.elements(section) {
+                match element.tag() {
+                    "mesh" => {
+                        let mut text = classes.of(&element, None).mesh.clone();
+                        text.apply(&element);
+                        assets.add_mesh(&element, &text, compiler, folder);
+                    }
+                    "material" => {
+                        let mut text = classes.of(&element, None).material.clone();
+                        text.apply(&element);
+                        assets.materials.insert(element.need_name("name", "a name"), text);
+                    }
+                    "texture" => element.problem(
+                        crate::adf::Severity::Info,
+                        ProblemKind::IgnoredKey,
+                        "",
+                        "",
+                        "",
+                        "surfaces have one colour",
+                    ),
+                    "hfield" | "skin" | "model" => {
+                        element.error(ProblemKind::IgnoredKey, "", "", "", "what uses it is left out");
+                    }
+                    _ => (),
+                }
+            }
+        }
+        assets
+    }
+
+    fn add_mesh(&mut self, element: &Element<'a>, text: &MeshText, compiler: &Compiler, folder: &Path) {
+        let file = element.attribute("file");
+        let stem =
+            || Path::new(file.unwrap_or_default()).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let name = match element.attribute("name") {
+            Some(_) => element.need_name("name", "a name").to_owned(),
+            None => stem(),
+        };
+        let Some(file) = file else {
+            let action = "geoms that use the mesh are left out";
+            element.error(ProblemKind::Absent, "file", "", "a file; vertices in the text are not read", action);
+            self.meshes.insert(name, None);
+            return;
+        };
+        if text.scale.iter().any(|factor| *factor == 0.0) {
+            let found = quoted(element.attribute("scale").unwrap_or_default());
+            let action = "geoms that use the mesh are left out";
+            element.error(ProblemKind::OutOfRange, "scale", &found, "three factors other than 0", action);
+            self.meshes.insert(name, None);
+            return;
+        }
+        let position = element.vector("refpos").unwrap_or_default();
+        let [w, x, y, z] = element.numbers("refquat").unwrap_or([1.0, 0.0, 0.0, 0.0]);
+        let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), f64::MIN_POSITIVE).unwrap_or_default();
+        let mesh = MeshAsset {
+            path: mesh_path(file, compiler, folder),
+            scale: text.scale,
+            in_geom: Isometry3::from_parts(text.scale.component_mul(&position).into(), rotation).inverse(),
+            volume: text.volume,
+        };
+        self.meshes.insert(name, Some(mesh));
+    }
+
+    /// Volume and inertia at density 1 of a mesh, in the frame of its file; `None` where the file is of no use, which is
+    /// reported when it is built.
+    pub fn volume(&self, asset: &MeshAsset) -> Option<Mass> {
+        if self.surroundings == Surroundings::Nothing {
+            return None;
+        }
+        let mut volumes = self.volumes.borrow_mut();
+        let found = volumes.entry(asset.path.clone()).or_insert_with(|| {
+            self.read.borrow_mut().add(&asset.path);
+            mesh::load(&asset.path).ok()
+        });
+        let mesh = found.as_ref()?.scaled_along(asset.scale.into());
+        let triangles = mesh.sub_meshes.iter().flat_map(|sub| {
+            sub.triangles.iter().map(|triangle| triangle.map(|index| Vector3::from(sub.vertices[index as usize])))
+        });
+        let mass = of_mesh(triangles, asset.volume);
+        (mass.mass.is_finite() && mass.mass > 0.0 && mass.inertia.iter().all(|x| x.is_finite())).then_some(mass)
+    }
+
+    /// The material of a geom.
+    pub fn material(&self, element: &Element<'a>, name: Option<&str>, rgba: Option<[f64; 4]>) -> Option<Material> {
+        let named = name.and_then(|name| {
+            let found = self.materials.get(name);
+            if found.is_none() {
+                let expected = "the name of a material in `asset`";
+                element.warn(ProblemKind::UnknownValue, "material", &quoted(name), expected, "the geom is grey");
+            }
+            found
+        });
+        let grey = MaterialText { rgba: [0.5, 0.5, 0.5, 1.0], ..MaterialText::default() };
+        let mut text = named.cloned().unwrap_or(grey);
+        text.rgba = rgba.unwrap_or(text.rgba);
+        Some(text.material())
+    }
+}

@@ -1,0 +1,266 @@
+//! Joints as written.
+
+use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
+
+use super::settings::{choice, direction, finish, Compiler, SOFT};
+use crate::adf::{DriveTrain, JointKind, Limits, ProblemKind, Severity};
+use crate::xml::{quoted, Element};
+
+/// Types of joints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Free,
+    Ball,
+    Slide,
+    Hinge,
+}
+
+/// Whether a range counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Limited {
+    /// If there is one.
+    Auto,
+    Yes,
+    No,
+}
+
+impl Limited {
+    pub const WORDS: [(&'static str, Self); 3] = [("auto", Self::Auto), ("true", Self::Yes), ("false", Self::No)];
+
+    pub fn counts(self, range: [f64; 2], compiler: &Compiler) -> bool {
+        match self {
+            Self::Auto => compiler.auto_limits && range[0] < range[1],
+            Self::Yes => true,
+            Self::No => false,
+        }
+    }
+}
+
+/// What a joint element and its defaults say; angles as written.
+#[derive(Debug, Clone)]
+pub(super) struct JointText {
+    pub kind: Kind,
+    pub position: Vector3<f64>,
+    pub axis: [f64; 3],
+    pub range: [f64; 2],
+    pub limited: Limited,
+    pub reference: f64,
+    pub spring_reference: f64,
+    pub stiffness: f64,
+    pub damping: f64,
+    pub friction: f64,
+    pub armature: f64,
+    pub effort_range: [f64; 2],
+    pub effort_limited: Limited,
+}
+
+impl Default for JointText {
+    fn default() -> Self {
+        Self {
+            kind: Kind::Hinge,
+            position: Vector3::zeros(),
+            axis: [0.0, 0.0, 1.0],
+            range: [0.0; 2],
+            limited: Limited::Auto,
+            reference: 0.0,
+            spring_reference: 0.0,
+            stiffness: 0.0,
+            damping: 0.0,
+            friction: 0.0,
+            armature: 0.0,
+            effort_range: [0.0; 2],
+            effort_limited: Limited::Auto,
+        }
+    }
+}
+
+impl JointText {
+    pub fn apply(&mut self, element: &Element<'_>) {
+        let read = [
+            "name",
+            "class",
+            "type",
+            "pos",
+            "axis",
+            "range",
+            "limited",
+            "ref",
+            "springref",
+            "stiffness",
+            "damping",
+            "frictionloss",
+            "armature",
+            "actuatorfrcrange",
+            "actuatorfrclimited",
+            "springdamper",
+        ];
+        let unused =
+            [SOFT, ("it changes nothing that moves", &["group", "user", "actuatorgravcomp", "springyield"][..])];
+        finish(element, &read, &unused, &[]);
+        let kinds = [("free", Kind::Free), ("ball", Kind::Ball), ("slide", Kind::Slide), ("hinge", Kind::Hinge)];
+        self.kind = choice(element, "type", &kinds).unwrap_or(self.kind);
+        self.position = element.vector("pos").unwrap_or(self.position);
+        self.axis = element.numbers("axis").unwrap_or(self.axis);
+        self.range = element.numbers("range").unwrap_or(self.range);
+        self.limited = choice(element, "limited", &Limited::WORDS).unwrap_or(self.limited);
+        self.reference = element.real("ref").unwrap_or(self.reference);
+        self.spring_reference = element.real("springref").unwrap_or(self.spring_reference);
+        self.effort_range = element.numbers("actuatorfrcrange").unwrap_or(self.effort_range);
+        self.effort_limited = choice(element, "actuatorfrclimited", &Limited::WORDS).unwrap_or(self.effort_limited);
+        for (name, value) in [
+            ("stiffness", &mut self.stiffness),
+            ("damping", &mut self.damping),
+            ("frictionloss", &mut self.friction),
+            ("armature", &mut self.armature),
+        ] {
+            let Some(numbers) = element.numbers_in(name, 1..=8) else { continue };
+            if numbers[1..].iter().any(|number| *number != 0.0) {
+                let found = quoted(element.attribute(name).unwrap_or_default());
+                element.error(ProblemKind::OutOfRange, name, &found, "one number", "the first is used");
+            }
+            if numbers[0] < 0.0 {
+                element.warn(ProblemKind::OutOfRange, name, &numbers[0].to_string(), "at least 0", "0 is used");
+            }
+            *value = numbers[0].max(0.0);
+        }
+        if element.numbers::<2>("springdamper").is_some_and(|numbers| numbers.iter().all(|number| *number > 0.0)) {
+            element.ignored("springdamper", "write `stiffness` and `damping`");
+        }
+    }
+}
+
+/// A joint of a body.
+#[derive(Clone)]
+pub(super) struct Joint<'a> {
+    pub name: String,
+    pub element: Element<'a>,
+    pub kind: Kind,
+    /// A point of the axis in the body's frame, m.
+    pub position: Vector3<f64>,
+    /// In the body's frame.
+    pub axis: Unit<Vector3<f64>>,
+    /// rad or m.
+    pub limits: Option<Limits>,
+    /// Coordinate at which the body stands as it is written, rad or m.
+    pub reference: f64,
+    pub drive_train: DriveTrain,
+    /// N·m/rad or N/m.
+    pub stiffness: f64,
+    /// Coordinate at which the spring is at rest, rad or m.
+    pub rest: f64,
+}
+
+impl<'a> Joint<'a> {
+    pub fn new(element: Element<'a>, name: String, text: &JointText, compiler: &Compiler) -> Self {
+        let kind = text.kind;
+        let in_si = |written: f64| if kind == Kind::Slide { written } else { compiler.angle(written) };
+        let axis = direction(text.axis).unwrap_or_else(|| {
+            element.error(ProblemKind::OutOfRange, "axis", &format!("{:?}", text.axis), "a direction", "z is used");
+            Vector3::z_axis()
+        });
+        let mut joint = Self {
+            name,
+            element,
+            kind,
+            position: text.position,
+            axis,
+            limits: None,
+            reference: 0.0,
+            drive_train: DriveTrain::default(),
+            stiffness: 0.0,
+            rest: 0.0,
+        };
+        let is_limited = text.limited.counts(text.range, compiler);
+        if !joint.has_coordinate() {
+            // A free joint has none of these, whatever its defaults are.
+            let lost = [
+                ("damping", text.damping),
+                ("stiffness", text.stiffness),
+                ("frictionloss", text.friction),
+                ("armature", text.armature),
+            ];
+            for (name, value) in lost.into_iter().filter(|(_, value)| kind == Kind::Ball && *value != 0.0) {
+                joint.lose(name, value);
+            }
+            if kind == Kind::Ball && is_limited {
+                joint.lose("range", in_si(text.range[1]));
+            }
+            return joint;
+        }
+        joint.reference = in_si(text.reference);
+        joint.rest = in_si(text.spring_reference);
+        joint.stiffness = text.stiffness;
+        joint.limits = is_limited.then(|| Limits { low: in_si(text.range[0]), high: in_si(text.range[1]) });
+        joint.check_limits();
+        let most = text.effort_limited.counts(text.effort_range, compiler);
+        joint.drive_train = DriveTrain {
+            damping: text.damping,
+            armature: text.armature,
+            friction: text.friction,
+            max_effort: most
+                .then(|| text.effort_range.map(f64::abs).into_iter().fold(0.0, f64::max))
+                .filter(|most| *most > 0.0),
+            max_rate: None,
+        };
+        joint
+    }
+
+    fn lose(&self, name: &str, value: f64) {
+        let found = format!("{value:.3e}");
+        self.element.warn(ProblemKind::OutOfRange, name, &found, "none of a ball joint", "the joint moves without");
+    }
+
+    fn check_limits(&mut self) {
+        let Some(Limits { low, high }) = self.limits else { return };
+        let found = format!("a range from {low} to {high}");
+        if high < low {
+            self.element.error(
+                ProblemKind::OutOfRange,
+                "range",
+                &found,
+                "the lower end first",
+                "the joint is unlimited",
+            );
+            self.limits = None;
+        } else if self.kind == Kind::Hinge && high - low >= std::f64::consts::TAU {
+            let expected = "less than a turn, which angles are measured in";
+            self.element.problem(
+                Severity::Info,
+                ProblemKind::OutOfRange,
+                "range",
+                &found,
+                expected,
+                "the joint is unlimited",
+            );
+            self.limits = None;
+        }
+    }
+
+    /// Whether it has one coordinate.
+    pub fn has_coordinate(&self) -> bool {
+        matches!(self.kind, Kind::Hinge | Kind::Slide)
+    }
+
+    /// Pose of the body in a frame that stands where the body does as written, at coordinate `q`, rad or m.
+    pub fn pose(&self, q: f64) -> Isometry3<f64> {
+        let moved = q - self.reference;
+        match self.kind {
+            Kind::Hinge => {
+                let turn = UnitQuaternion::from_axis_angle(&self.axis, moved);
+                Isometry3::from_parts((self.position - turn * self.position).into(), turn)
+            }
+            Kind::Slide => Isometry3::from_parts((self.axis.into_inner() * moved).into(), UnitQuaternion::identity()),
+            Kind::Free | Kind::Ball => Isometry3::identity(),
+        }
+    }
+
+    /// What it is in ADF.
+    pub fn adf_kind(&self) -> JointKind {
+        match self.kind {
+            Kind::Hinge => JointKind::Revolute,
+            Kind::Slide => JointKind::Prismatic,
+            Kind::Ball => JointKind::PointToPoint,
+            Kind::Free => JointKind::Unknown("free".into()),
+        }
+    }
+}

@@ -1,0 +1,445 @@
+//! Tests of whole texts.
+
+use nalgebra::Point3;
+
+use super::*;
+use crate::adf::{
+    CollisionGeometry, ControllerOutput, Coupling, Leader, Limits, PartGeometry, Primitive, RigidBody, VisualGeometry,
+};
+
+/// Model and problems, without those that say what MuJoCo's solver has.
+fn read(text: &str) -> (Model, Vec<String>) {
+    let (model, report) = parse(text, Path::new("dir/t.xml"), Surroundings::Nothing).expect("read");
+    (model, report.problems().iter().map(|problem| problem.to_string()).collect())
+}
+
+/// As [`read`], of a text without problems.
+fn clean(text: &str) -> Model {
+    let (model, problems) = read(text);
+    assert_eq!(problems, [""; 0]);
+    model
+}
+
+/// Problems of a text that is refused.
+fn refused(text: &str) -> Vec<String> {
+    match parse(text, Path::new("t.xml"), Surroundings::Nothing) {
+        Err(LoadError::Refused { report, .. }) => report.problems().iter().map(|p| p.to_string()).collect(),
+        Err(other) => panic!("{other}"),
+        Ok(_) => panic!("not refused"),
+    }
+}
+
+fn world(inside: &str) -> String {
+    format!("<mujoco model='m'><worldbody>{inside}</worldbody></mujoco>")
+}
+
+fn body<'m>(model: &'m Model, name: &str) -> &'m RigidBody {
+    let identifier = format!("BODY {name}");
+    model.bodies.iter().find(|body| body.common.identifier == identifier).unwrap_or_else(|| panic!("no {name}"))
+}
+
+fn joint<'m>(model: &'m Model, name: &str) -> &'m AdfJoint {
+    let identifier = format!("JOINT {name}");
+    model.joints.iter().find(|joint| joint.common.identifier == identifier).unwrap_or_else(|| panic!("no {name}"))
+}
+
+/// Where the child's frame is in the parent's at coordinate zero.
+fn rest(joint: &AdfJoint) -> Isometry3<f64> {
+    let rotation = joint.child_rotation.expect("given");
+    Isometry3::from_parts((joint.parent_pivot - rotation * joint.child_pivot).into(), rotation)
+}
+
+#[test]
+fn bodies_stand_as_they_are_written_and_joints_agree() {
+    let model = clean(&world(
+        "<body name='a' pos='1 2 3' euler='0 0 90'><joint name='j' axis='0 1 0' pos='0 0 1' ref='30' range='-60 60'/>
+           <geom size='0.1'/>
+           <body name='b' pos='0 1 0' quat='0 1 0 0'><joint name='s' type='slide' axis='1 0 0' ref='0.5'/><geom size='0.1'/></body>
+         </body>",
+    ));
+    assert_eq!(model.namespace, "/ambf/env/m/");
+    assert_eq!(model.gravity, Some(Vector3::new(0.0, 0.0, -9.81)));
+    let (a, b) = (body(&model, "a"), body(&model, "b"));
+    assert_eq!(a.location.translation.vector, Vector3::new(1.0, 2.0, 3.0));
+    assert!((a.location.rotation * Vector3::x() - Vector3::y()).norm() < 1e-15, "degrees");
+    assert!((b.location.translation.vector - Vector3::new(0.0, 2.0, 3.0)).norm() < 1e-15);
+    assert_eq!(model.bodies[0].common.identifier, "BODY world", "the joint holds on it");
+    assert_eq!((model.bodies[0].mass, body(&model, "a").mass > 0.0), (0.0, true));
+    // As written the coordinates are the references: at zero the joints are that much before.
+    let (j, s) = (joint(&model, "j"), joint(&model, "s"));
+    let limits = j.limits.expect("limits");
+    assert!(
+        (limits.low + std::f64::consts::FRAC_PI_3).abs() < 1e-15
+            && (limits.high - std::f64::consts::FRAC_PI_3).abs() < 1e-15
+    );
+    let turned = |joint: &AdfJoint, q: f64| {
+        let about = Isometry3::from(joint.child_pivot)
+            * Isometry3::rotation(joint.child_axis * q)
+            * Isometry3::from(-joint.child_pivot);
+        rest(joint) * about
+    };
+    let found = turned(j, 30f64.to_radians());
+    assert!((found.to_homogeneous() - a.location.to_homogeneous()).amax() < 1e-15);
+    let slid = rest(s) * Isometry3::from(s.child_axis * 0.5);
+    assert!((slid.to_homogeneous() - (a.location.inverse() * b.location).to_homogeneous()).amax() < 1e-15);
+}
+
+#[test]
+fn several_joints_of_a_body_have_bodies_without_a_mass_between() {
+    let model = clean(&world(
+        "<body name='a'><joint name='x' type='slide' axis='1 0 0'/><joint name='z' pos='0 0 1'/><joint name='y' axis='0 1 0'/>
+         <geom size='0.1' mass='2'/></body>",
+    ));
+    assert!(model.has_massless_links);
+    let names: Vec<_> = model.bodies.iter().map(|body| body.common.identifier.as_str()).collect();
+    assert_eq!(names.len(), 4, "{names:?}");
+    let chain: Vec<_> = model.joints.iter().map(|joint| (joint.parent.as_str(), joint.child.as_str())).collect();
+    let expected = [("BODY world", "BODY a_x"), ("BODY a_x", "BODY a_z"), ("BODY a_z", "BODY a")];
+    assert_eq!(chain, expected);
+    let between = body(&model, "a_z");
+    assert!(between.mass > 0.0 && between.mass < 1e-7 && between.common.passive && between.inertia.is_some());
+    assert!((body(&model, "a").mass - 2.0).abs() < 1e-15);
+}
+
+#[test]
+fn classes_inherit_and_bodies_give_them_to_their_children() {
+    let model = clean(
+        "<mujoco><default><geom density='500'/><joint damping='1'/>
+           <default class='outer'><geom type='box' size='1 1 1'/><joint armature='0.1'/>
+             <default class='inner'><geom size='2'/></default></default></default>
+         <worldbody>
+           <body name='a' childclass='outer'><freejoint/><geom/>
+             <body name='b'><joint name='j'/><geom class='inner'/></body>
+             <body name='c' childclass='main'><joint name='k'/><geom size='1'/></body></body>
+         </worldbody></mujoco>",
+    );
+    assert!((body(&model, "a").mass - 4000.0).abs() < 1e-9, "a box of 8 m³");
+    assert!((body(&model, "b").mass - 8000.0).abs() < 1e-9, "x from the inner class, y and z from the outer");
+    assert!((body(&model, "c").mass - 500.0 * 4.0 / 3.0 * std::f64::consts::PI).abs() < 1e-9);
+    let losses = |name| (joint(&model, name).drive_train.damping, joint(&model, name).drive_train.armature);
+    assert_eq!((losses("j"), losses("k")), ((1.0, 0.1), (1.0, 0.0)));
+}
+
+#[test]
+fn all_shapes_and_their_places() {
+    let shapes = "<geom type='box' size='1 2 3' pos='1 0 0'/><geom type='capsule' size='0.5' fromto='0 0 0 0 0 2'/>
+        <geom type='cylinder' size='0.5 1' zaxis='1 0 0'/><geom type='ellipsoid' size='1 2 3'/>
+        <geom type='box' size='0.1' fromto='0 0 0 4 0 0' contype='0' conaffinity='0'/><geom size='2' group='3'/>";
+    let model = clean(&world(&format!("<body name='a'><freejoint/>{shapes}</body>")));
+    let CollisionGeometry::Parts { parts, .. } = &body(&model, "a").collision else { panic!() };
+    let axis = crate::adf::Axis::Z;
+    let expected = [
+        Primitive::Box { size: Vector3::new(2.0, 4.0, 6.0) },
+        Primitive::Capsule { radius: 0.5, height: 3.0, axis },
+        Primitive::Cylinder { radius: 0.5, height: 2.0, axis },
+        Primitive::Ellipsoid { radii: Vector3::new(1.0, 2.0, 3.0) },
+        Primitive::Sphere { radius: 2.0 },
+    ];
+    let found: Vec<_> = parts.iter().map(|part| part.geometry.clone()).collect();
+    assert_eq!(found, expected.map(PartGeometry::Primitive), "the fifth meets nothing");
+    assert_eq!(parts[1].offset.translation.z, 1.0);
+    assert!((parts[2].offset.rotation * Vector3::z() - Vector3::x()).norm() < 1e-15);
+    let VisualGeometry::Parts(drawn) = &body(&model, "a").visual.geometry else { panic!() };
+    assert_eq!(drawn.len(), 5, "group 3 is hidden");
+    let PartGeometry::Primitive(Primitive::Box { size }) = drawn[4].part.geometry else { panic!() };
+    assert_eq!(size, Vector3::new(0.2, 0.2, 4.0));
+}
+
+#[test]
+fn planes_are_bodies_of_their_own() {
+    let model = clean(&world(
+        "<geom name='floor' type='plane' size='1 1 1' pos='0 0 2' zaxis='1 0 0'/><geom size='1'/>
+         <body name='a'><freejoint/><geom size='1'/></body>",
+    ));
+    let names: Vec<_> = model.bodies.iter().map(|body| body.common.identifier.as_str()).collect();
+    assert_eq!(names, ["BODY floor", "BODY world", "BODY a"]);
+    let CollisionGeometry::Primitive { primitive: Primitive::Plane { normal, offset }, .. } =
+        &model.bodies[0].collision
+    else {
+        panic!()
+    };
+    assert!((normal - Vector3::x()).norm() < 1e-15 && offset.abs() < 1e-15);
+}
+
+#[test]
+fn who_collides_with_whom() {
+    let model = clean(
+        "<mujoco><worldbody><body name='a'><freejoint/><geom size='1'/>
+           <body name='b'><geom size='1' contype='2' conaffinity='4'/>
+             <body name='c'><joint/><geom size='1'/></body></body></body>
+           <body name='d'><joint name='d'/><geom size='1'/></body><geom size='9'/></worldbody>
+         <contact><exclude body1='a' body2='d'/></contact></mujoco>",
+    );
+    let filter = |name| body(&model, name).collision_filter.clone().expect("a filter");
+    assert_eq!(filter("a").cluster, filter("b").cluster, "fixed to each other");
+    assert_eq!((filter("b").kind, filter("b").affinity), (2, 4));
+    assert_eq!(filter("c").outer, Some(filter("a").cluster));
+    assert_eq!(filter("d").outer, None, "what hangs on the world collides with it");
+    assert_eq!((filter("a").excluded, filter("d").excluded), (vec![filter("d").member], vec![filter("a").member]));
+    assert!(model.joints.iter().all(|joint| !joint.ignore_inter_collision));
+}
+
+#[test]
+fn inertia_as_written_or_of_the_geoms() {
+    let text = |compiler: &str| {
+        format!(
+            "<mujoco>{compiler}<worldbody><body name='a'><freejoint/><inertial mass='3' pos='0 0 1' diaginertia='1 2 3' euler='0 0 90'/>
+             <geom type='box' size='0.5 0.5 0.5' mass='6' group='2'/></body></worldbody></mujoco>"
+        )
+    };
+    let a = |compiler| body(&clean(&text(compiler)), "a").clone();
+    let written = a("");
+    assert_eq!((written.mass, written.inertia), (3.0, Some(Vector3::new(1.0, 2.0, 3.0))));
+    let offset = written.inertial_offset.expect("given");
+    assert_eq!(offset.translation.vector, Vector3::z());
+    assert!((offset.rotation * Vector3::x() - Vector3::y()).norm() < 1e-15);
+    let found = a("<compiler inertiafromgeom='true'/>");
+    assert!((found.mass - 6.0).abs() < 1e-15 && (found.inertia.expect("found") - Vector3::repeat(1.0)).amax() < 1e-12);
+    assert_eq!(a("<compiler settotalmass='1'/>").mass, 1.0);
+    assert_eq!(a("<compiler boundmass='4' boundinertia='2.5'/>").inertia, Some(Vector3::new(2.5, 2.5, 3.0)));
+    let (model, problems) = read(&text("<compiler inertiafromgeom='true' inertiagrouprange='0 1'/>"));
+    assert!(problems.len() == 1 && problems[0].contains("body a / inertial` is missing"), "{problems:?}");
+    assert_eq!(body(&model, "a").mass, 1.0);
+    let full = text("").replace("diaginertia='1 2 3' euler='0 0 90'", "fullinertia='2 2 3 1 0 0'");
+    let found = body(&clean(&full), "a").clone();
+    let mut moments: Vec<f64> = found.inertia.expect("given").iter().copied().collect();
+    moments.sort_by(f64::total_cmp);
+    assert!(moments.iter().zip([1.0, 3.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-14), "{moments:?}");
+}
+
+const ARM: &str = "<worldbody><body name='a'><joint name='p' armature='0.5'/><geom size='1'/></body>
+    <body name='b'><joint name='q' type='slide' stiffness='3' springref='0.1'/><geom size='1'/></body>
+    <body name='c'><joint name='r' ref='90'/><geom size='1'/></body></worldbody>";
+
+#[test]
+fn actuators_drive_joints() {
+    let drive = |actuators: &str| clean(&format!("<mujoco>{ARM}<actuator>{actuators}</actuator></mujoco>"));
+    let gains = |model: &Model| {
+        let p = joint(model, "p");
+        (p.controller.output, p.controller.gains.p, p.controller.gains.d, p.drive_train.max_effort)
+    };
+    let motor = drive("<motor joint='p' gear='20' ctrlrange='-1 0.5'/>");
+    let p = joint(&motor, "p");
+    assert_eq!((p.drive_train.max_effort, p.drive_train.armature, p.controller), (Some(20.0), 0.5, Default::default()));
+    assert!((p.max_motor_impulse - 0.02).abs() < 1e-15);
+    let force = ControllerOutput::Force;
+    let position = drive("<position joint='p' kp='5' kv='0.5' gear='2' forcerange='-3 3'/>");
+    assert_eq!(gains(&position), (force, 20.0, 2.0, Some(6.0)));
+    let general = "<general joint='p' gainprm='5' biastype='affine' biasprm='0 -5 -0.5' gear='2' forcerange='-3 3'/>";
+    assert_eq!(gains(&drive(general)), (force, 20.0, 2.0, Some(6.0)));
+    let pair = drive("<position joint='p' kp='5'/><velocity joint='p' kv='2'/>");
+    assert_eq!(gains(&pair), (force, 5.0, 2.0, None));
+    let (_, problems) =
+        read(&format!("<mujoco>{ARM}<actuator><muscle joint='p'/><motor joint='z'/></actuator></mujoco>"));
+    assert!(problems.len() == 2 && problems[0].contains("`muscle`, expected motor, position"), "{problems:?}");
+    assert!(problems[1].contains("motor / joint` is `z`, expected the name of a joint"), "{problems:?}");
+}
+
+#[test]
+fn springs_stand_beside_their_joints() {
+    let model = clean(&format!("<mujoco>{ARM}</mujoco>"));
+    let spring = joint(&model, "q_spring");
+    assert_eq!(
+        (spring.kind.clone(), spring.stiffness, spring.equilibrium_point),
+        (JointKind::LinearSpring, 3.0, Some(0.1))
+    );
+    assert!(spring.limits.is_some_and(|Limits { low, high }| low > high) && spring.common.passive);
+    assert_eq!(spring.parent_pivot, joint(&model, "q").parent_pivot);
+    let off = clean(&format!("<mujoco><option><flag spring='disable'/></option>{ARM}</mujoco>"));
+    assert!(off.joints.iter().all(|joint| joint.kind != JointKind::LinearSpring));
+}
+
+#[test]
+fn equalities_and_tendons_couple_joints() {
+    let model = |rest: &str| clean(&format!("<mujoco>{ARM}{rest}</mujoco>"));
+    let coupling = |model: &Model, name| joint(model, name).coupling.clone();
+    let leader = |name: &str, ratio| Leader { joint: format!("JOINT {name}"), ratio };
+    let quarter = std::f64::consts::FRAC_PI_2;
+    // r − π/2 = 0.1 + 2 p
+    let one = model("<equality><joint joint1='r' joint2='p' polycoef='0.1 2 0 0 0'/></equality>");
+    assert_eq!(coupling(&one, "r"), Some(Coupling { leaders: vec![leader("p", 2.0)], offset: quarter + 0.1 }));
+    let tendons = "<tendon><fixed name='t'><joint joint='p' coef='0.5'/><joint joint='q' coef='2'/></fixed>
+        <fixed name='u'><joint joint='p' coef='3'/></fixed></tendon>";
+    // 0.5 p + 2 q = 0
+    let two = model(&format!("{tendons}<equality><tendon tendon1='t'/></equality>"));
+    assert_eq!(coupling(&two, "q"), Some(Coupling { leaders: vec![leader("p", -0.25)], offset: 0.0 }));
+    // A tendon over joints that are coupled is an actuator of the leader: with q = 4 p it is 8.5 p long.
+    let three = model(&format!(
+        "{tendons}<equality><joint joint1='q' joint2='p' polycoef='0 4'/></equality>
+         <actuator><position tendon='t' kp='2'/><motor tendon='u' gear='2' ctrlrange='-1 1'/></actuator>"
+    ));
+    let p = joint(&three, "p");
+    assert_eq!((p.controller.gains.p, p.drive_train.max_effort), (2.0 * 8.5 * 8.5, Some(6.0)));
+    let still = model("<equality><joint joint1='r' polycoef='0.25'/></equality>");
+    let (low, high) = joint(&still, "r").limits.map(|Limits { low, high }| (low, high)).expect("limits");
+    assert!(low == high && (low - quarter - 0.25).abs() < 1e-15);
+    let circle = "<equality><joint joint1='p' joint2='q'/><joint joint1='q' joint2='p'/></equality>";
+    let (model, problems) = read(&format!("<mujoco>{ARM}{circle}</mujoco>"));
+    assert!(!problems.is_empty() && problems.iter().all(|p| p.contains("follows itself")), "{problems:?}");
+    assert_eq!(coupling(&model, "p"), None);
+    let free = format!("<mujoco>{ARM}{tendons}<actuator><position tendon='t'/></actuator></mujoco>");
+    assert!(read(&free).1[0].contains("expected a fixed tendon of one joint"), "{:?}", read(&free).1);
+}
+
+#[test]
+fn equalities_close_loops() {
+    let model = clean(&format!(
+        "<mujoco>{}<equality><connect name='k' body1='a' body2='b' anchor='0 0 1'/><weld body1='c'/></equality></mujoco>",
+        ARM.replace("<body name='b'>", "<body name='b' pos='3 0 0'>")
+    ));
+    let k = joint(&model, "k");
+    assert_eq!((k.kind.clone(), k.parent.as_str(), k.child.as_str()), (JointKind::PointToPoint, "BODY a", "BODY b"));
+    let at = |name: &str, pivot: &Vector3<f64>| body(&model, name).location * Point3::from(*pivot);
+    assert!((at("a", &k.parent_pivot) - at("b", &k.child_pivot)).norm() < 1e-15);
+    let weld = model.joints.last().expect("a joint");
+    assert_eq!((weld.kind.clone(), weld.child.as_str()), (JointKind::Fixed, "BODY world"));
+    let (_, problems) = read(&format!("<mujoco>{ARM}<equality><weld body1='c' active='false'/></equality></mujoco>"));
+    assert!(problems.len() == 1 && problems[0].contains("cannot be activated"), "{problems:?}");
+}
+
+#[test]
+fn cameras_lights_and_sensors() {
+    let model = clean(
+        "<mujoco><compiler autolimits='true'/><worldbody><light pos='0 0 3' dir='0 0 -1' cutoff='30'/>
+           <body name='a'><freejoint/><geom size='1'/><site name='s' pos='0 0 1' zaxis='1 0 0'/>
+           <camera name='eye' pos='1 0 0' xyaxes='0 1 0 0 0 1' fovy='60'/></body></worldbody>
+         <sensor><touch name='t' site='s'/><rangefinder site='s' cutoff='2'/></sensor></mujoco>",
+    );
+    let camera = &model.cameras[0];
+    assert_eq!((camera.parent.as_str(), camera.visible), ("BODY a", false));
+    assert!((camera.look_at - Vector3::zeros()).norm() < 1e-15 && (camera.up - Vector3::z()).norm() < 1e-15);
+    assert!((camera.field_view_angle - 60f64.to_radians()).abs() < 1e-15);
+    assert_eq!(model.lights[0].direction, Some(-Vector3::z()));
+    assert!((model.lights[0].cutoff_angle - 30f64.to_radians()).abs() < 1e-15);
+    assert_eq!(model.sensors.len(), 2);
+    assert_eq!((model.sensors[1].range, model.sensors[1].parent.as_str()), (2.0, "BODY a"));
+    assert!((model.sensors[1].location.rotation * Vector3::z() - Vector3::x()).norm() < 1e-15);
+}
+
+#[test]
+fn orientations() {
+    let turned = |attribute: &str| {
+        let model = clean(&world(&format!("<body name='a' {attribute}><freejoint/><geom size='1'/></body>")));
+        body(&model, "a").location.rotation
+    };
+    let about = |x: f64, y: f64, z: f64| UnitQuaternion::from_scaled_axis(Vector3::new(x, y, z));
+    let half = std::f64::consts::FRAC_PI_2;
+    for (attribute, expected) in [
+        ("axisangle='0 0 2 90'", about(0.0, 0.0, half)),
+        ("euler='90 0 90'", about(half, 0.0, 0.0) * about(0.0, 0.0, half)),
+        ("quat='2 0 0 2'", about(0.0, 0.0, half)),
+        ("xyaxes='0 1 0 -1 5 0'", about(0.0, 0.0, half)),
+        ("zaxis='0 1 0'", about(-half, 0.0, 0.0)),
+        ("zaxis='0 0 -1'", about(std::f64::consts::PI, 0.0, 0.0)),
+    ] {
+        assert!(turned(attribute).angle_to(&expected) < 1e-7, "{attribute}: {}", turned(attribute));
+    }
+    let text = "<mujoco><compiler angle='radian' eulerseq='XYZ'/><worldbody><body name='a' euler='1 2 3'><freejoint/>\
+                <geom size='1'/></body></worldbody></mujoco>";
+    let expected = about(0.0, 0.0, 3.0) * about(0.0, 2.0, 0.0) * about(1.0, 0.0, 0.0);
+    assert!(body(&clean(text), "a").location.rotation.angle_to(&expected) < 1e-7);
+}
+
+#[test]
+fn frames_move_what_is_in_them() {
+    let model = clean(&world(
+        "<frame pos='1 0 0' euler='0 0 90'><body name='a' pos='1 0 0'><freejoint/><frame pos='0 0 1'><geom size='1'/></frame></body></frame>",
+    ));
+    assert!((body(&model, "a").location.translation.vector - Vector3::new(1.0, 1.0, 0.0)).norm() < 1e-15);
+    let offset = body(&model, "a").inertial_offset.expect("given").translation.vector;
+    assert!((offset - Vector3::z()).norm() < 1e-15);
+}
+
+#[test]
+fn what_is_not_known_or_used_is_named_with_its_place() {
+    let text = "<mujoco>\n<option timestep='0.01' integrator='RK4' wind='1 0 0'/>\n<worldbody>\n<body name='a' posi='1 2 3'><freejoint/>\n\
+                <geom size='1' class='none'/><geom type='mesh' mesh='m'/><geom size='0'/><blob/></body></worldbody>\n\
+                <tendon><spatial/></tendon>\n<keyframe><key/></keyframe></mujoco>";
+    let (_, problems) = read(text);
+    for expected in [
+        "dir/t.xml:2:9: info: `option / timestep` is not used",
+        "dir/t.xml:2:25: info: `option / integrator` is not used; it concerns MuJoCo's solver",
+        "dir/t.xml:2:42: warning: `option / wind` is not used",
+        "dir/t.xml:4:16: warning: `worldbody / body a / posi` is not known; it is ignored",
+        "dir/t.xml:5:16: error: `worldbody / body a / geom / class` is `none`, expected the name of a class",
+        "geom / mesh` is `m`, expected the name of a mesh in `asset`; the geom is left out",
+        "geom / size` is [0.0], expected 1 lengths above 0; the geom is left out",
+        "`worldbody / body a / blob` is not known",
+        "dir/t.xml:6:9: error: `tendon / spatial` is not used; only fixed tendons are read",
+        "dir/t.xml:7:1: warning: `keyframe` is not used",
+    ] {
+        assert!(problems.iter().any(|problem| problem.contains(expected)), "{expected}: {problems:#?}");
+    }
+    assert_eq!(problems.len(), 10, "{problems:#?}");
+}
+
+#[test]
+fn what_cannot_be_read_refuses_the_file() {
+    for (text, expected) in [
+        (
+            "<mujoco><worldbody><geom size='a'/></worldbody></mujoco>",
+            "`worldbody / geom / size` is `a`, expected 1 to 3 numbers",
+        ),
+        ("<mujoco><worldbody><geom pos='1 2'/></worldbody></mujoco>", "is `1 2`, expected 3 numbers"),
+        ("<mujoco><worldbody><geom type='ball'/></worldbody></mujoco>", "is `ball`, expected plane, hfield, sphere"),
+        ("<mujoco><compiler angle='grad'/></mujoco>", "`compiler / angle` is `grad`, expected degree, radian"),
+        ("<mujoco><include file='no.xml'/></mujoco>", "expected a file: there is no no.xml"),
+        ("<mujoco><compiler coordinate='global'/></mujoco>", "expected local"),
+    ] {
+        let problems = refused(text);
+        assert!(problems.iter().any(|problem| problem.contains(expected)), "{expected}: {problems:?}");
+    }
+    let error = parse("<robot/>", Path::new("t.xml"), Surroundings::Nothing).unwrap_err();
+    assert!(error.to_string().contains("t.xml:1:1: the root element is <robot>"), "{error}");
+}
+
+#[test]
+fn included_files_and_meshes() {
+    let folder = std::env::temp_dir().join(format!("ambf_mjcf_{}", std::process::id()));
+    std::fs::create_dir_all(folder.join("parts")).expect("made");
+    let write = |name: &str, text: &str| {
+        std::fs::write(folder.join(name), text).expect("written");
+        folder.join(name)
+    };
+    // A tetrahedron of 1/6 m³.
+    write("parts/t.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n");
+    write(
+        "parts/body.xml",
+        "<mujocoinclude>\n<body name='b'><freejoint/><geom type='mesh' mesh='t'/><geo/></body></mujocoinclude>",
+    );
+    let main = write(
+        "m.xml",
+        "<mujoco><compiler meshdir='parts'/><asset><mesh file='t.obj' scale='2 2 -2'/></asset>
+         <worldbody><include file='parts/body.xml'/></worldbody></mujoco>",
+    );
+    let text = std::fs::read_to_string(&main).expect("read");
+    let (model, report, sources) = parse_with_files(&text, &main, Surroundings::Disk).expect("read");
+    let b = body(&model, "b");
+    assert!((b.mass - 8000.0 / 6.0).abs() < 1e-9, "{}", b.mass);
+    let centre = b.inertial_offset.expect("given").translation.vector;
+    assert!((centre - Vector3::new(0.5, 0.5, -0.5)).norm() < 1e-12, "{centre}");
+    let problems: Vec<_> = report.problems().iter().map(|problem| problem.to_string()).collect();
+    assert!(
+        problems.len() == 1 && problems[0].contains("parts/body.xml:2:56: warning: `body b / geo`"),
+        "{problems:?}"
+    );
+    assert!(sources.are_current());
+    write("parts/body.xml", "<mujocoinclude><include file='parts/body.xml'/></mujocoinclude>");
+    assert!(!sources.are_current());
+    let twice = load(&main).unwrap_err().to_string();
+    assert!(twice.contains("`include / file` `parts/body.xml`, again"), "{twice}");
+    std::fs::remove_dir_all(folder).expect("removed");
+}
+
+#[test]
+fn bodies_in_bodies_without_end() {
+    let depth = 20_000;
+    let text = format!(
+        "<mujoco><worldbody>{}{}</worldbody></mujoco>",
+        "<body><joint/><geom size='1'/><x/>".repeat(depth),
+        "</body>".repeat(depth)
+    );
+    let (model, report) = parse(&text, Path::new("t.xml"), Surroundings::Nothing).expect("read");
+    assert_eq!((model.bodies.len(), model.joints.len()), (depth + 1, depth));
+    assert!(report.to_string().len() < 1000);
+}
