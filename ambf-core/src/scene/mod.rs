@@ -39,7 +39,9 @@ mod states;
 mod targets;
 mod vehicle;
 mod visuals;
+mod tool;
 mod volume;
+mod voxels;
 
 pub use actuator::Actuator;
 pub use ambf_plugin::{ObjectId, ObjectType};
@@ -75,7 +77,7 @@ pub use visuals::{
     VisualActuator, VisualBody, VisualCamera, VisualJoint, VisualLight, VisualModel, VisualObject, VisualScene,
     VisualSensor, VisualSoftBody, VisualVehicle, VisualVolume,
 };
-pub use volume::Volume;
+pub use volume::{Volume, VolumeError};
 
 use std::fmt;
 use std::sync::Arc;
