@@ -37,7 +37,8 @@ fn files(folder: &Path, volume: &str) -> SceneFiles {
 
 fn of_pictures(folder: &Path) -> SceneFiles {
     save::pictures(&phantom(), &folder.join("slices"), "p0").expect("saved");
-    let volume = "  images: {path: slices, prefix: p0, format: png, count: 100}\n  dimensions: {x: 0.04, y: 0.032, z: 0.024}\n\
+    let volume =
+        "  images: {path: slices, prefix: p0, format: png, count: 100}\n  dimensions: {x: 0.04, y: 0.032, z: 0.024}\n\
                   \x20 labels: [{color: {r: 1, g: 1, b: 0}, name: nerve, hardness: 4}]";
     files(folder, volume)
 }
@@ -104,13 +105,7 @@ fn worlds_share_what_was_not_cut() {
     let folder = tempfile::tempdir().expect("a folder");
     let files = of_pictures(folder.path());
     // What was written just now may change without being seen, and is not shared.
-    std::thread::sleep(std::time::Duration::from_millis(50));
-    for entry in folder.path().join("slices").read_dir().expect("it is there").flatten() {
-        let file = std::fs::File::open(entry.path()).expect("a picture");
-        file.set_modified(std::time::SystemTime::now() - std::time::Duration::from_secs(3600)).expect("an older file");
-    }
-    let dir = std::fs::File::open(folder.path().join("slices")).expect("a folder");
-    dir.set_modified(std::time::SystemTime::now() - std::time::Duration::from_secs(3600)).expect("an older folder");
+    std::thread::sleep(std::time::Duration::from_millis(200));
     let mut one = stepper(&files);
     let other = stepper(&files);
     let voxels = |stepper: &Stepper| Arc::clone(stepper.snapshot().voxels[VOLUME].as_ref().expect("it has voxels"));
@@ -152,9 +147,13 @@ fn what_cannot_be_read_is_reported_and_empty() {
     for (volume, expected) in [(missing, "no picture is there"), ("  nrrd: none.nrrd", "none.nrrd")] {
         let Loaded { scene, report } = of(volume);
         assert_eq!(report.errors(), 1, "{report}");
-        assert!(report.to_string().contains(expected) && report.to_string().contains("the volume is empty"), "{report}");
+        assert!(
+            report.to_string().contains(expected) && report.to_string().contains("the volume is empty"),
+            "{report}"
+        );
         let mut simulation = Simulation::new(scene, 0.001);
-        let refused = simulation.carve(VOLUME, &ball_at(Vector3::zeros(), false, Rule::All)).expect_err("nothing is there");
+        let refused =
+            simulation.carve(VOLUME, &ball_at(Vector3::zeros(), false, Rule::All)).expect_err("nothing is there");
         assert!(matches!(refused, VolumeError::Empty(_)), "{refused}");
         let refused = simulation.carve(VolumeId::new(7), &ball_at(Vector3::zeros(), false, Rule::All));
         assert!(matches!(refused, Err(VolumeError::Unknown)));
@@ -173,7 +172,8 @@ fn commands_of_clients_are_executed_in_order_and_told() {
     for command in [carve(0.01), VolumeCommand::Restore, carve(-0.01), carve(-0.01)] {
         hub.post_volume(VOLUME, command).expect("there is room");
     }
-    let solid = |simulation: &Simulation| simulation.scene().volumes[VOLUME].voxels().expect("it has some").count_solid();
+    let solid =
+        |simulation: &Simulation| simulation.scene().volumes[VOLUME].voxels().expect("it has some").count_solid();
     simulation.iterate(0.001).expect("nothing moves");
     let told: Vec<_> = cuts.try_iter().collect();
     // The last one has found nothing to remove.
@@ -206,10 +206,8 @@ fn push(stepper: &mut Stepper, iterations: u32) {
         let world = &stepper.simulation().scene().world;
         let velocity = world.velocity(world.bodies()[0]).unwrap_or_default().0;
         let command = stepper.body_command(drill).expect("it is a body");
-        *command = ambf_core::comm::RigidBodyCommand::wrench(
-            Vector3::new(0.0, 0.0, -0.5) - 5.0 * velocity,
-            Vector3::zeros(),
-        );
+        *command =
+            ambf_core::comm::RigidBodyCommand::wrench(Vector3::new(0.0, 0.0, -0.5) - 5.0 * velocity, Vector3::zeros());
         stepper.step(1).expect("it holds");
     }
 }
@@ -252,7 +250,8 @@ fn a_drill_that_is_off_holds_and_cuts_nothing() {
     let mut simulation = Simulation::new(scene, 0.001);
     let hub = simulation.connect();
     let cuts = hub.follow_cuts();
-    hub.post_volume(VOLUME, VolumeCommand::Tool { tool: 0, on: Some(false), radius: Some(0.0015) }).expect("there is room");
+    hub.post_volume(VOLUME, VolumeCommand::Tool { tool: 0, on: Some(false), radius: Some(0.0015) })
+        .expect("there is room");
     let body = simulation.scene().bodies.ids().next().expect("the drill");
     let height = |simulation: &Simulation| {
         let scene = simulation.scene();

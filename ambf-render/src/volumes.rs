@@ -146,7 +146,8 @@ fn boxes(changed: &[[usize; 3]]) -> Vec<([usize; 3], [usize; 3])> {
         });
         boxes.dedup_by(|next, kept| {
             let is_beside = next.0[axis] == kept.1[axis];
-            let is_same = |other: usize| other == axis || (next.0[other], next.1[other]) == (kept.0[other], kept.1[other]);
+            let is_same =
+                |other: usize| other == axis || (next.0[other], next.1[other]) == (kept.0[other], kept.1[other]);
             let joins = is_beside && (0..3).all(is_same);
             if joins {
                 kept.1[axis] = next.1[axis];
@@ -171,7 +172,8 @@ mod tests {
     fn few_boxes_hold_all_that_changed() {
         let cube: Vec<[usize; 3]> = (0..27).map(|at| [at % 3, at / 3 % 3, at / 9].map(|b| (b + 4) * EDGE)).collect();
         assert_eq!(boxes(&cube), [([4; 3], [7; 3])]);
-        let scattered: Vec<[usize; 3]> = (0..500).map(|at| [at * 7 % 64, at * 13 % 64, at * 29 % 64].map(|b| b * EDGE)).collect();
+        let scattered: Vec<[usize; 3]> =
+            (0..500).map(|at| [at * 7 % 64, at * 13 % 64, at * 29 % 64].map(|b| b * EDGE)).collect();
         let found = boxes(&scattered);
         assert!(found.len() <= MAX_BOXES);
         for brick in scattered.iter().map(|first| first.map(|i| i / EDGE)) {

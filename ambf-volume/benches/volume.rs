@@ -34,7 +34,10 @@ fn main() {
     let grid = stack::read(&images, edges, 0.5, &|_, _| {}).expect("a volume");
     println!("load                       {:8.2} s", begin.elapsed().as_secs_f64());
     println!("memory                     {:8.1} MB", grid.memory() as f64 / 1e6);
-    println!("solid                      {:8.1} %", 100.0 * grid.count_solid() as f64 / size.iter().product::<usize>() as f64);
+    println!(
+        "solid                      {:8.1} %",
+        100.0 * grid.count_solid() as f64 / size.iter().product::<usize>() as f64
+    );
     drill(&grid, if quick { 2000 } else { 60_000 });
     cuts(&grid);
     look_ups(&grid);
@@ -51,7 +54,8 @@ fn phantom(size: [usize; 3], edges: Vector3<f64>) -> VoxelGrid {
     let voxel = |[i, j, k]: [usize; 3]| {
         let [x, y, z] = [i, j, k].map(|index| index as f64 * scale);
         let from_middle = Vector3::new(x - 6.0, y - 6.0, z - 6.0).norm();
-        let winding = (2.3 * x).sin() * (2.1 * y).cos() + (2.2 * y).sin() * (2.4 * z).cos() + (2.0 * z).sin() * (2.5 * x).cos();
+        let winding =
+            (2.3 * x).sin() * (2.1 * y).cos() + (2.2 * y).sin() * (2.4 * z).cos() + (2.0 * z).sin() * (2.5 * x).cos();
         match (from_middle < 5.6, winding) {
             (false, _) => Voxel::default(),
             (_, w) if w > 0.35 => Voxel::default(),
@@ -123,7 +127,8 @@ fn cuts(grid: &VoxelGrid) {
     let radius = (500.0 * 0.75 / std::f64::consts::PI).cbrt() * EDGE;
     for at in 0..400 {
         let place = [37, 53, 71].map(|step| (at * step + 11) % 200 - 100);
-        let here = Isometry3::from(Vector3::from_fn(|axis, _| 0.4 * grid.edges()[axis] * f64::from(place[axis]) / 100.0));
+        let here =
+            Isometry3::from(Vector3::from_fn(|axis, _| 0.4 * grid.edges()[axis] * f64::from(place[axis]) / 100.0));
         let begin = Instant::now();
         let carved = carver.carve(&mut now, &Shape::Sphere { radius }, &Stroke { from: here, to: here }, Rule::All);
         if carved.expect("a cut").indices.len() > 450 {

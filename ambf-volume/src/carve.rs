@@ -187,7 +187,11 @@ impl Shape {
 
 fn check(what: &'static str, value: f64, positive: bool) -> Result<(), CarveError> {
     let fits = value.is_finite() && if positive { value > 0.0 } else { value >= 0.0 };
-    if fits { Ok(()) } else { Err(CarveError::Number { what, value, positive }) }
+    if fits {
+        Ok(())
+    } else {
+        Err(CarveError::Number { what, value, positive })
+    }
 }
 
 impl Rule {

@@ -383,9 +383,7 @@ impl VoxelGrid {
         };
         let mut solid = 0;
         for (chunk, corner) in self.chunks() {
-            solid += bits::ones(&chunk.solid)
-                .map(|b| in_brick(&chunk.bricks[b], index_of(corner, b)))
-                .sum::<usize>();
+            solid += bits::ones(&chunk.solid).map(|b| in_brick(&chunk.bricks[b], index_of(corner, b))).sum::<usize>();
         }
         solid
     }
@@ -569,7 +567,11 @@ impl VoxelGrid {
 
     /// Channels of [`texels`](Self::texels).
     pub fn channels(&self) -> usize {
-        if self.coloring == Coloring::Grey { 1 } else { 4 }
+        if self.coloring == Coloring::Grey {
+            1
+        } else {
+            4
+        }
     }
 
     /// The largest density that interpolation finds in each brick from `low` up to `high`, without it, by places of
@@ -785,7 +787,9 @@ impl VoxelGrid {
         let bricks = self.size.map(|edge| edge.div_ceil(EDGE));
         let inside = |place: [usize; 3]| (0..3).all(|axis| place[axis] < bricks[axis]);
         // Each pass reads the grid as the pass before has left it, and writes a chunk of its own.
-        for pass in [Self::with_solid as fn(&Self, usize, &dyn Fn(usize) -> Option<[usize; 3]>) -> _, Self::with_surface] {
+        for pass in
+            [Self::with_solid as fn(&Self, usize, &dyn Fn(usize) -> Option<[usize; 3]>) -> _, Self::with_surface]
+        {
             let grid = &*self;
             let made = crate::parallel(places.len(), |at| {
                 let place = |b: usize| Some(index_of(places[at], b)).filter(|&place| inside(place));

@@ -111,7 +111,12 @@ impl Kind {
             "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => Self::U16,
             "int" | "signed int" | "int32" | "int32_t" => Self::I32,
             "uint" | "unsigned int" | "uint32" | "uint32_t" => Self::U32,
-            "longlong" | "long long" | "long long int" | "signed long long" | "signed long long int" | "int64"
+            "longlong"
+            | "long long"
+            | "long long int"
+            | "signed long long"
+            | "signed long long int"
+            | "int64"
             | "int64_t" => Self::I64,
             "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => Self::U64,
             "float" => Self::F32,
@@ -181,7 +186,8 @@ pub fn read(path: &Path, iso: f64) -> Result<Loaded, NrrdError> {
     let bytes = files::read(path, limit).map_err(|error| failed(error.into()))?;
     parse(&bytes, iso, path, &|name| {
         let beside = path.parent().unwrap_or(Path::new("")).join(name);
-        files::read(&beside, limit).map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", beside.display())))
+        files::read(&beside, limit)
+            .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", beside.display())))
     })
 }
 
@@ -284,7 +290,8 @@ fn vectors(text: &str) -> Vec<Option<Vec<f64>>> {
     let mut rest = text.trim();
     let mut all = Vec::new();
     while !rest.is_empty() {
-        let length = if rest.starts_with('(') { rest.find(')').map(|at| at + 1) } else { rest.find(char::is_whitespace) };
+        let length =
+            if rest.starts_with('(') { rest.find(')').map(|at| at + 1) } else { rest.find(char::is_whitespace) };
         let (one, next) = rest.split_at(length.unwrap_or(rest.len()));
         all.push(vector(one));
         rest = next.trim_start();
@@ -452,7 +459,9 @@ fn samples(
     } else {
         return Err(header.wrong("byte skip", "a number not negative, or -1 with raw data"));
     }
-    let wrong = |got| (None, NrrdProblem::Length { got, expected: if encoding == Encoding::Text { numbers } else { expected } });
+    let wrong = |got| {
+        (None, NrrdProblem::Length { got, expected: if encoding == Encoding::Text { numbers } else { expected } })
+    };
     if encoding != Encoding::Text {
         // A line end after attached data is not an error of anybody.
         return match data.len() {
@@ -489,7 +498,11 @@ fn samples(
         all.extend_from_slice(&raw[..kind.bytes()]);
         count += 1;
     }
-    if count == numbers { Ok(all) } else { Err(wrong(count)) }
+    if count == numbers {
+        Ok(all)
+    } else {
+        Err(wrong(count))
+    }
 }
 
 /// Edges of the box, m, and the pose of its centre.
@@ -512,7 +525,9 @@ fn place(
         let given = vectors(text);
         let of_space: Vec<_> = given.into_iter().skip(skip).collect();
         let all: Option<Vec<_>> = of_space.iter().map(|v| v.as_ref().filter(|v| v.len() == 3)).collect();
-        let all = all.filter(|all| all.len() == 3).ok_or_else(|| header.wrong("space directions", "three vectors (x,y,z)"))?;
+        let all = all
+            .filter(|all| all.len() == 3)
+            .ok_or_else(|| header.wrong("space directions", "three vectors (x,y,z)"))?;
         for (axis, direction) in all.iter().enumerate() {
             axes.set_column(axis, &Vector3::from_column_slice(direction));
         }
@@ -540,11 +555,12 @@ fn place(
     if rotation.determinant() < 1e-3 {
         return Err(header.wrong("space directions", "vectors that are not in a plane"));
     }
-    let mut rotation = Rotation3::from_matrix_eps(&rotation, 1e-12, 100, Rotation3::identity());
+    let mut rotation = Rotation3::from_matrix_eps(&rotation, f64::EPSILON, 100, Rotation3::identity());
     let mut origin = Vector3::zeros();
     if let Some((_, text)) = header.field("space origin") {
         let given = vector(text).filter(|given| given.len() == 3);
-        origin = Vector3::from_column_slice(&given.ok_or_else(|| header.wrong("space origin", "a vector (x,y,z)"))?) * unit;
+        origin =
+            Vector3::from_column_slice(&given.ok_or_else(|| header.wrong("space origin", "a vector (x,y,z)"))?) * unit;
     }
     // The origin is the centre of the first voxel.
     let mut center = origin + rotation * ((edges - spacing) * 0.5);

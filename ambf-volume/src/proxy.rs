@@ -15,7 +15,7 @@ const SEARCHES: usize = 12;
 /// Cosine of the angle between normals from which on planes of contact are one.
 const PARALLEL: f64 = 0.95;
 /// Steps along a way to the interpolated surface.
-const STEPS: usize = 32;
+const STEPS: usize = 64;
 /// Steps in which a ball that is inside is pushed out.
 const ESCAPES: usize = 64;
 /// Updates after which the whole force is back when a ball had to be pushed out.
@@ -100,16 +100,17 @@ impl Proxy {
         self.normal = Vector3::zeros();
         let mut planes: [(Vector3<f64>, Point3<f64>); 3] = [(Vector3::zeros(), at); 3];
         let mut held = 0;
-        let mut target = *goal;
-        let mut is_held_back = false;
+        // The goal, less what friction holds back.
+        let mut aim = *goal;
+        let mut target = aim;
         for _ in 0..SEARCHES {
             let Some(found) = self.touch(grid, surface, &at, &target) else {
                 at = target;
-                if is_held_back || target == *goal {
+                if target == aim {
                     break;
                 }
                 // Beside a plane of contact the surface falls away: on from there.
-                (held, target) = (0, *goal);
+                (held, target) = (0, aim);
                 continue;
             };
             at = found.center;
@@ -131,7 +132,7 @@ impl Proxy {
             }
             planes[kept] = (found.normal, at);
             held = kept + 1;
-            target = nearest_allowed(&planes[..held], goal);
+            target = nearest_allowed(&planes[..held], &aim);
             if is_first && law.friction > 0.0 {
                 // Within the cone the ball stays; beyond it, it slides as far as the cone's edge.
                 let depth = (at - goal).dot(&found.normal).max(0.0);
@@ -140,8 +141,8 @@ impl Proxy {
                 if slide.norm() <= held_back {
                     break;
                 }
-                target -= slide.normalize() * held_back;
-                is_held_back = true;
+                let shorter = slide.normalize() * held_back;
+                (aim, target) = (aim - shorter, target - shorter);
             }
             if (target - at).norm() < TOLERANCE {
                 break;
@@ -164,7 +165,11 @@ impl Proxy {
         }
         force *= 1.0 - f64::from(self.returning) / f64::from(RETURN);
         let size = force.norm();
-        if size > law.most { force * (law.most / size) } else { force }
+        if size > law.most {
+            force * (law.most / size)
+        } else {
+            force
+        }
     }
 
     /// First touch on a straight way.
@@ -177,9 +182,17 @@ impl Proxy {
             if touch.part == 0.0 && way.dot(&touch.normal) > -1e-9 * way.norm() {
                 let lifted = from + touch.normal * TOLERANCE;
                 let again = grid.sweep(&lifted, &(to + touch.normal * TOLERANCE), reach)?;
-                return Some(Found { center: again.center + again.normal * TOLERANCE, normal: again.normal, index: again.index });
+                return Some(Found {
+                    center: again.center + again.normal * TOLERANCE,
+                    normal: again.normal,
+                    index: again.index,
+                });
             }
-            return Some(Found { center: touch.center + touch.normal * TOLERANCE, normal: touch.normal, index: touch.index });
+            return Some(Found {
+                center: touch.center + touch.normal * TOLERANCE,
+                normal: touch.normal,
+                index: touch.index,
+            });
         }
         let way = to - from;
         let length = way.norm();
@@ -197,21 +210,25 @@ impl Proxy {
             self.guess = Some(index);
             let gap = distance - self.radius;
             let approach = -direction.dot(&normal);
-            if gap < TOLERANCE && approach > 1e-9 {
+            if gap < 2.0 * TOLERANCE && approach > 1e-9 {
                 // Out of what rounding or a rough surface has left.
                 return Some(Found { center: at + normal * (TOLERANCE - gap).max(0.0), normal, index });
             }
-            if gap < TOLERANCE {
+            if gap < 2.0 * TOLERANCE {
                 // It slides along, or leaves: as far as a voxel's part, then it is looked again.
-                along += (0.05 * grid.spacing().min()).min(length);
+                along += (0.25 * grid.spacing().min()).min(length);
             } else {
-                along += gap.max(TOLERANCE);
+                along += gap;
             }
             if along >= length {
                 let end = grid.interpolated_distance(to, reach, self.guess);
-                return end.filter(|(distance, ..)| *distance < self.radius - TOLERANCE).map(|(distance, normal, index)| {
-                    Found { center: to + normal * (self.radius + TOLERANCE - distance), normal, index }
-                });
+                return end.filter(|(distance, ..)| *distance < self.radius - TOLERANCE).map(
+                    |(distance, normal, index)| Found {
+                        center: to + normal * (self.radius + TOLERANCE - distance),
+                        normal,
+                        index,
+                    },
+                );
             }
         }
         let at = from + direction * along.min(length);
@@ -228,7 +245,11 @@ impl Proxy {
                 let reach = self.radius + grid.ball();
                 let near = grid.nearest_solid_near(at, reach, guess)?;
                 let inside = grid.is_solid(grid.index_at(at)?);
-                let center = if inside { grid.center(grid.nearest_free(at, f64::INFINITY)?.index) } else { grid.center(near.index) };
+                let center = if inside {
+                    grid.center(grid.nearest_free(at, f64::INFINITY)?.index)
+                } else {
+                    grid.center(near.index)
+                };
                 let away = if inside { center - at } else { at - center };
                 let gap = if inside { -away.norm() - reach } else { near.distance - reach };
                 Some((gap, away.try_normalize(1e-12)?, near.index))

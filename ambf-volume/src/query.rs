@@ -423,7 +423,8 @@ impl VoxelGrid {
         best.map(|(part, _, index)| {
             let center = from + way * part;
             let offset = self.center(index) - center;
-            let along = if half.norm_squared() > 0.0 { (offset.dot(half) / half.norm_squared()).clamp(-1.0, 1.0) } else { 0.0 };
+            let along =
+                if half.norm_squared() > 0.0 { (offset.dot(half) / half.norm_squared()).clamp(-1.0, 1.0) } else { 0.0 };
             let normal = (half * along - offset).try_normalize(1e-12).unwrap_or_else(Vector3::z);
             Touch { part, center, normal, index }
         })
@@ -502,9 +503,7 @@ impl VoxelGrid {
                         continue;
                     }
                     let corner = [cx, cy, cz].map(|c| c * EDGE);
-                    let range = |axis: usize| {
-                        low[axis].max(corner[axis])..=high[axis].min(corner[axis] + EDGE - 1)
-                    };
+                    let range = |axis: usize| low[axis].max(corner[axis])..=high[axis].min(corner[axis] + EDGE - 1);
                     for z in range(2) {
                         for y in range(1) {
                             for x in range(0) {
@@ -619,6 +618,34 @@ impl VoxelGrid {
         f64::from(self.threshold()) - 0.5
     }
 
+    /// Where the line from the centre of a solid voxel at the surface to `point`, or, if that is inside, away from it,
+    /// leaves what is dense.
+    fn on_the_line(&self, center: &Point3<f64>, point: &Point3<f64>, is_in: bool) -> Point3<f64> {
+        let iso = self.iso_density();
+        let way = if is_in {
+            (center - point).try_normalize(1e-12).unwrap_or_else(Vector3::z) * self.spacing().norm()
+        } else {
+            point - center
+        };
+        if self.density_at(&(center + way)).0 >= iso {
+            return *center;
+        }
+        // Farther than to the neighbours' centres the voxel reaches nowhere.
+        let (mut low, mut high) = (0.0, (self.spacing().norm() / way.norm()).min(1.0));
+        if self.density_at(&(center + way * high)).0 >= iso {
+            high = 1.0;
+        }
+        for _ in 0..20 {
+            let middle = 0.5 * (low + high);
+            if self.density_at(&(center + way * middle)).0 >= iso {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        center + way * high
+    }
+
     /// Distance from `point` to the surface of interpolated density, and its normal, from the nearest solid voxel: steps
     /// of Newton's method along the gradient, each followed by one along the tangent plane towards the point. At most
     /// `most`, m, from the voxel's centre. Inside it is negative.
@@ -650,12 +677,24 @@ impl VoxelGrid {
                 foot = center + drift * (reach / drift.norm());
             }
         }
-        let (density, gradient) = self.density_at(&foot);
-        let square = gradient.norm_squared();
-        if square > 1e-12 / (reach * reach) {
-            let step = gradient * ((self.iso_density() - density) / square);
-            foot += step * (reach / step.norm().max(reach));
+        for _ in 0..3 {
+            let (density, gradient) = self.density_at(&foot);
+            let square = gradient.norm_squared();
+            if square > 1e-12 / (reach * reach) {
+                let step = gradient * ((self.iso_density() - density) / square);
+                foot += step * (reach / step.norm().max(reach));
+            }
         }
+        // On the line through the voxel's centre there is a place of the surface, too: where densities jump, the steps
+        // may have led away from it.
+        let plain = self.on_the_line(&center, point, is_in);
+        let (density, gradient) = self.density_at(&foot);
+        let off = (self.iso_density() - density).abs() / gradient.norm().max(1e-9);
+        let slack = 0.1 * self.spacing().min();
+        if off > 0.02 * self.spacing().min() || (point - foot).norm() > (point - plain).norm() + slack {
+            foot = plain;
+        }
+        let (_, gradient) = self.density_at(&foot);
         let offset = point - foot;
         let away = offset.try_normalize(1e-9 * reach).map(|away| if is_in { -away } else { away });
         let normal = away.or_else(|| (-gradient).try_normalize(0.0)).unwrap_or_else(Vector3::z);
@@ -680,7 +719,11 @@ fn entry(grid: &VoxelGrid, first: [usize; 3], from: &Point3<f64>, way: &Vector3<
         (enter, leave) = (enter.max(a.min(b)), leave.min(a.max(b)));
     }
     // Rounding may not hide a voxel at the edge.
-    if enter > leave + 1e-9 { f64::INFINITY } else { (enter - 1e-9).max(0.0) }
+    if enter > leave + 1e-9 {
+        f64::INFINITY
+    } else {
+        (enter - 1e-9).max(0.0)
+    }
 }
 
 /// Share of the way at which a capsule around the origin comes to `reach` of `center`.

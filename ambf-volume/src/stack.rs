@@ -105,7 +105,8 @@ pub fn read(
         (true, false) => Coloring::Opaque,
         (true, true) => Coloring::Labels,
     };
-    let places: BTreeMap<[u8; 3], u8> = colors.iter().take(MAX_LABELS).zip(1..).map(|(color, label)| (*color, label)).collect();
+    let places: BTreeMap<[u8; 3], u8> =
+        colors.iter().take(MAX_LABELS).zip(1..).map(|(color, label)| (*color, label)).collect();
     let is_plain = coloring == Coloring::Grey || is_exact();
     let labels = match is_plain {
         true => vec![Label::of_color([255; 3])],
@@ -142,7 +143,11 @@ fn finish(cells: &Cells, layer: &Layer, named: &[u8], coloring: Coloring) -> Cel
             Coloring::Opaque => color.into_iter().fold(0, u8::max),
         };
         let label = named.get(place).copied().unwrap_or(1);
-        if density == 0 { Voxel::default() } else { Voxel { density, label } }
+        if density == 0 {
+            Voxel::default()
+        } else {
+            Voxel { density, label }
+        }
     };
     match cells {
         Cells::Uniform(old) => Cells::Uniform(voxel(old.density, old.label, None)),

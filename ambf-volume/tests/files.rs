@@ -46,7 +46,12 @@ fn all_kinds_of_pictures_have_their_density() {
         (ImageBuffer::from_pixel(9, 9, LumaA([50_u8, 60])).into(), [50, 50, 50, 60], 60, Coloring::Labels),
         (ImageBuffer::from_pixel(9, 9, Rgb([1_u8, 90, 3])).into(), [1, 90, 3, 255], 90, Coloring::Opaque),
         (ImageBuffer::from_pixel(9, 9, Rgba([1_u8, 2, 3, 40])).into(), [1, 2, 3, 40], 40, Coloring::Labels),
-        (ImageBuffer::from_pixel(9, 9, Rgba([1_u16 << 8, 2 << 8, 3 << 8, 0x2828])).into(), [1, 2, 3, 40], 40, Coloring::Labels),
+        (
+            ImageBuffer::from_pixel(9, 9, Rgba([1_u16 << 8, 2 << 8, 3 << 8, 0x2828])).into(),
+            [1, 2, 3, 40],
+            40,
+            Coloring::Labels,
+        ),
     ];
     for (picture, color, density, coloring) in kinds {
         let folder = tempfile::tempdir().expect("a folder");
@@ -142,7 +147,8 @@ fn what_is_saved_is_read_again() {
     }
     let ply = ambf_model::mesh::load(&folder.path().join("m.ply")).expect("a mesh");
     let stl = ambf_model::mesh::load(&folder.path().join("m.stl")).expect("a mesh");
-    let triangles = |mesh: &ambf_model::mesh::Mesh| mesh.sub_meshes.iter().map(|part| part.triangles.len()).sum::<usize>();
+    let triangles =
+        |mesh: &ambf_model::mesh::Mesh| mesh.sub_meshes.iter().map(|part| part.triangles.len()).sum::<usize>();
     assert_eq!(triangles(&ply), phantom(true).mesh().triangles.len());
     assert_eq!(triangles(&stl), triangles(&ply));
     save::save(&phantom(true), &folder.path().join("m.xyz"), "p").expect_err("no such format");
@@ -155,7 +161,11 @@ fn numbers(kind: &str, big: bool, count: usize) -> Vec<u8> {
         let value = 5 * at as i64;
         macro_rules! put {
             ($type:ty) => {
-                if big { out.extend((value as $type).to_be_bytes()) } else { out.extend((value as $type).to_le_bytes()) }
+                if big {
+                    out.extend((value as $type).to_be_bytes())
+                } else {
+                    out.extend((value as $type).to_le_bytes())
+                }
             };
         }
         match kind {
@@ -178,7 +188,8 @@ fn numbers(kind: &str, big: bool, count: usize) -> Vec<u8> {
 #[test]
 fn all_types_encodings_and_byte_orders_are_read() {
     let folder = tempfile::tempdir().expect("a folder");
-    let kinds = ["int8", "uchar", "short", "uint16_t", "int", "unsigned int", "long long int", "uint64", "float", "double"];
+    let kinds =
+        ["int8", "uchar", "short", "uint16_t", "int", "unsigned int", "long long int", "uint64", "float", "double"];
     for kind in kinds {
         for big in [false, true] {
             for encoding in ["raw", "gzip", "ascii"] {
@@ -203,7 +214,8 @@ fn all_types_encodings_and_byte_orders_are_read() {
                     }
                     let path = folder.path().join("v.nhdr");
                     std::fs::write(&path, &file).expect("a file");
-                    let read = nrrd::read(&path, 0.5).unwrap_or_else(|error| panic!("{kind} {encoding} {big}: {error}"));
+                    let read =
+                        nrrd::read(&path, 0.5).unwrap_or_else(|error| panic!("{kind} {encoding} {big}: {error}"));
                     // 0 to 115 are spread; bytes stay.
                     let spread = if kind == "uchar" { 1.0 } else { 255.0 / 115.0 };
                     for (at, index) in [(0, [0, 0, 0]), (7, [3, 1, 0]), (23, [3, 2, 1])] {
@@ -231,7 +243,8 @@ fn segments_have_names_and_colours() {
     let nerve = grid.label_named("Facial nerve").expect("it is named");
     assert_eq!(grid.labels()[1].color, [255, 128, 0]);
     assert_eq!(grid.labels()[usize::from(nerve)].hardness, 0.5);
-    let labels: Vec<_> = [[0, 0, 0], [1, 0, 0], [0, 0, 1], [1, 0, 1]].map(|index| grid.voxel(index).unwrap().label).into();
+    let labels: Vec<_> =
+        [[0, 0, 0], [1, 0, 0], [0, 0, 1], [1, 0, 1]].map(|index| grid.voxel(index).unwrap().label).into();
     assert_eq!(labels, [1, 0, nerve, nerve]);
     let saved = folder.path().join("again.nrrd");
     nrrd::write(&grid, &saved, &Isometry3::identity()).expect("it is saved");

@@ -159,7 +159,10 @@ mod tests {
         check::<ambf_msgs::GhostObjectState>("ambf_msgs/GhostObjectState", "415d13a1e544582332f8da23ceee6c2f");
         // Of the C++ drilling plugin.
         check::<volumetric_drilling_msgs::Index>("volumetric_drilling_msgs/Index", "95da2541c9d6989c0876f480a9b1c7e4");
-        check::<volumetric_drilling_msgs::Voxels>("volumetric_drilling_msgs/Voxels", "7cd932ee96e95d914af050c7da8c2ecf");
+        check::<volumetric_drilling_msgs::Voxels>(
+            "volumetric_drilling_msgs/Voxels",
+            "7cd932ee96e95d914af050c7da8c2ecf",
+        );
         check::<volumetric_drilling_msgs::VolumeInfo>(
             "volumetric_drilling_msgs/VolumeInfo",
             "eca5e1d3f35a79d6d1cc4d0b1037724c",

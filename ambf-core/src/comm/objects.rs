@@ -12,7 +12,8 @@ use nalgebra::Isometry3;
 use super::{
     ActuatorCommand, ActuatorInfo, CameraParameters, CameraView, ContactReading, GhostInfo, GhostReading,
     LightParameters, Mailbox, PoseCommand, RayReading, RigidBodyCommand, RigidBodyInfo, SensorCommand, SensorInfo,
-    SoftBodyCommand, SoftBodyReading, SpotReading, Timing, ToolReading, VehicleCommand, VehicleInfo, VehicleReading, Wrench,
+    SoftBodyCommand, SoftBodyReading, SpotReading, Timing, ToolReading, VehicleCommand, VehicleInfo, VehicleReading,
+    Wrench,
 };
 use crate::bullet::BodyKinematics;
 use crate::ids::{

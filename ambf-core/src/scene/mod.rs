@@ -37,9 +37,9 @@ mod shared;
 mod soft_body;
 mod states;
 mod targets;
+mod tool;
 mod vehicle;
 mod visuals;
-mod tool;
 mod volume;
 mod voxels;
 

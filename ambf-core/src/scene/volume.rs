@@ -276,12 +276,16 @@ impl Builder<'_> {
                 if volume.tools[place].body.is_some() {
                     continue;
                 }
-                let (name, source) = (volume.description.tools[place].body.clone(), volume.description.common.source.clone());
+                let (name, source) =
+                    (volume.description.tools[place].body.clone(), volume.description.common.source.clone());
                 match self.scene.find_parent(Parent::Volume(id), &name) {
                     Ok(Parent::Body(body)) => self.scene.volumes[id].tools[place].body = Some(body),
                     found => {
                         let why = found.err().unwrap_or_else(|| "no body".to_owned());
-                        let message = format!("tool {place} of `{}`: `{name}`: {why}", self.scene.volumes[id].attached.identity.key());
+                        let message = format!(
+                            "tool {place} of `{}`: `{name}`: {why}",
+                            self.scene.volumes[id].attached.identity.key()
+                        );
                         self.note_wanted(Severity::Warning, &source, message, &name);
                     }
                 }

@@ -137,11 +137,8 @@ impl Key {
             (None, None) => return Err("neither pictures nor a file are named".to_owned()),
         };
         if !self.labels.is_empty() {
-            let of_file = |label: &VolumeLabel| Label {
-                color: label.color,
-                name: label.name.clone(),
-                hardness: label.hardness,
-            };
+            let of_file =
+                |label: &VolumeLabel| Label { color: label.color, name: label.name.clone(), hardness: label.hardness };
             let labels: Vec<_> = self.labels.iter().map(of_file).collect();
             for unknown in grid.describe_labels(&labels) {
                 let [r, g, b] = unknown.color;

@@ -10,8 +10,9 @@ use nalgebra::Vector3;
 use super::physics::Physics;
 use super::{LostState, Nearness, Reset, Simulation};
 use crate::comm::{
-    Activity, ActuatorCommand, CarveCommand, Channel, Cut, Hub, HubIndex, HubObject, Inbox, JointCommandType, ObjectKind, ObjectList,
-    Resets, RigidBodyCommand, Snapshot, SnapshotWriter, Timing, VehicleCommand, VolumeCommand, Wrench,
+    Activity, ActuatorCommand, CarveCommand, Channel, Cut, Hub, HubIndex, HubObject, Inbox, JointCommandType,
+    ObjectKind, ObjectList, Resets, RigidBodyCommand, Snapshot, SnapshotWriter, Timing, VehicleCommand, VolumeCommand,
+    Wrench,
 };
 use crate::ids::{ActuatorId, BodyId, SoftBodyId, Table, VehicleId, VolumeId};
 use crate::scene::{Commands, Scene, VolumeError};
@@ -365,7 +366,8 @@ impl Simulation {
     /// # Errors
     /// [`VolumeError`]; nothing is cut then.
     pub fn carve(&mut self, volume: VolumeId, command: &CarveCommand) -> Result<&Carved, VolumeError> {
-        let (stamp, sim_time, sim_step) = (self.physics.stamp_now(), self.physics.time.sim_time, self.physics.sim_step());
+        let (stamp, sim_time, sim_step) =
+            (self.physics.stamp_now(), self.physics.time.sim_time, self.physics.sim_step());
         let carved = self.physics.scene.carve(volume, command)?;
         let hub = self.link.as_ref().map(|link| &link.hub).filter(|hub| hub.has_cut_followers());
         if let Some(hub) = hub.filter(|_| !carved.indices.is_empty()) {
@@ -395,7 +397,13 @@ impl Simulation {
             let carved = found.cut_by_tools();
             if !carved.indices.is_empty() {
                 let (sim_time, sim_step) = (self.physics.time.sim_time, self.physics.sim_step());
-                hub.tell_cut(Cut { volume, stamp: self.physics.stamp_now(), sim_time, sim_step, carved: carved.clone() });
+                hub.tell_cut(Cut {
+                    volume,
+                    stamp: self.physics.stamp_now(),
+                    sim_time,
+                    sim_step,
+                    carved: carved.clone(),
+                });
             }
         }
     }

@@ -9,7 +9,9 @@ use super::{AddedModel, Control, LostState, ModelError, Models, SavedState, Simu
 use crate::bullet::{SolverStatistics, StateError};
 use crate::comm::{ActuatorCommand, CarveCommand, Hub, HubIndex, ObjectList, RigidBodyCommand, Snapshot};
 use crate::ids::{CameraId, LightId, VolumeId};
-use crate::scene::{ParameterChange, ParameterError, PreparedModel, SetStateError, StateChange, VisualScene, VolumeError};
+use crate::scene::{
+    ParameterChange, ParameterError, PreparedModel, SetStateError, StateChange, VisualScene, VolumeError,
+};
 
 /// A simulation without a clock and without threads of its own: it moves in [`step`](Self::step) and nowhere else.
 ///

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use ambf_core::ids::VolumeId;
 use ambf_core::comm::CarveCommand;
+use ambf_core::ids::VolumeId;
 use ambf_core::scene::{Scene, VolumeError};
 use ambf_core::text::lines;
 use ambf_core::volume::save::save;
 use ambf_core::volume::{Carved, Rule, Shape, VoxelGrid};
 use nalgebra::{Isometry3, Point3, Vector3};
-use numpy::{PyArray1, PyArrayMethods, PyArray2, PyArray3};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 

@@ -109,10 +109,7 @@ fn isometry(pose: &geometry_msgs::Pose) -> Isometry3<f64> {
 ///
 /// # Errors
 /// A sentence about what is wrong.
-fn command(
-    visuals: &VisualScene,
-    message: &ambf_msgs::VolumeCmd,
-) -> Result<(VolumeId, VolumeCommand), String> {
+fn command(visuals: &VisualScene, message: &ambf_msgs::VolumeCmd) -> Result<(VolumeId, VolumeCommand), String> {
     let size = &message.size;
     let shape = match (message.shape.as_str(), size.as_slice()) {
         ("sphere", &[radius]) => Shape::Sphere { radius },
@@ -148,9 +145,8 @@ fn post(
     let complaints = RateLimitedLog::default();
     move |asked| {
         let Some(visuals) = hub.visuals() else { return };
-        let posted = asked(&visuals).and_then(|(volume, command)| {
-            hub.post_volume(volume, command).map_err(|error| error.to_string())
-        });
+        let posted = asked(&visuals)
+            .and_then(|(volume, command)| hub.post_volume(volume, command).map_err(|error| error.to_string()));
         if let Err(why) = posted {
             complaints.report(format_args!("{topic}: {why}; it is ignored"));
         }
@@ -239,7 +235,8 @@ mod tests {
         let grid = VoxelGrid::from_fn([10; 3], edges, 0.5, labels, full).unwrap();
         nrrd::write(&grid, &folder.path().join("v.nrrd"), &Isometry3::translation(1.0, 2.0, 3.0)).unwrap();
         let model = folder.path().join("m.yaml");
-        std::fs::write(&model, "volumes: [VOLUME bone]\nVOLUME bone: {name: bone, nrrd: v.nrrd}\nbodies: []\n").unwrap();
+        std::fs::write(&model, "volumes: [VOLUME bone]\nVOLUME bone: {name: bone, nrrd: v.nrrd}\nbodies: []\n")
+            .unwrap();
         let loaded = load(&SceneFiles { world: None, models: vec![model] }, &SceneOptions::default());
         assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
         Simulation::new(loaded.scene, 0.001)
