@@ -30,7 +30,11 @@ pub fn names(scene: &Scene) -> Vec<String> {
 }
 
 fn ids(scene: &Scene) -> impl Iterator<Item = VolumeId> + '_ {
-    scene.volumes.entries().map(|(id, _)| id).filter(|id| !scene.is_removed((*id).into()))
+    let there = scene
+        .volumes
+        .entries()
+        .filter(|(_, volume)| scene.models.get(volume.attached.identity.model).is_some_and(|model| !model.removed));
+    there.map(|(id, _)| id)
 }
 
 /// The volume at an index.
