@@ -80,7 +80,7 @@ fn cuts_are_published_saved_restored_and_reset() {
     let slow = ball_at(Vector3::new(-0.01, 0.0, 0.0), false, rule);
     stepper.carve(VOLUME, &slow).expect("a cut");
     let saved = stepper.save().expect("it is at rest");
-    let mut go_on = |stepper: &mut Stepper| {
+    let go_on = |stepper: &mut Stepper| {
         let cuts: Vec<_> = (0..20).map(|_| stepper.carve(VOLUME, &slow).expect("a cut").indices).collect();
         stepper.step(3).expect("nothing moves");
         (cuts, Arc::clone(stepper.snapshot().voxels[VOLUME].as_ref().expect("it has voxels")))

@@ -213,7 +213,9 @@ impl VoxelGrid {
             return Err(GridError::Edges { edges: edges.into() });
         }
         let counts = size.map(|edge| edge.div_ceil(CHUNK));
-        let chunks = vec![Arc::new(Chunk::empty()); counts.iter().product()];
+        // One for all, until something is in it.
+        let empty = Arc::new(Chunk::empty());
+        let chunks = vec![empty; counts.iter().product()];
         let spacing = Vector3::from_fn(|axis, _| edges[axis] / size[axis] as f64);
         let labels = Arc::new(vec![Label::of_color([0; 3])]);
         let threshold = threshold_of(iso);

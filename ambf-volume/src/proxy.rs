@@ -204,9 +204,7 @@ impl Proxy {
         let mut along = 0.0;
         for _ in 0..STEPS {
             let at = from + direction * along;
-            let Some((distance, normal, index)) = grid.interpolated_distance(&at, reach, self.guess) else {
-                return None;
-            };
+            let (distance, normal, index) = grid.interpolated_distance(&at, reach, self.guess)?;
             self.guess = Some(index);
             let gap = distance - self.radius;
             let approach = -direction.dot(&normal);
