@@ -245,8 +245,8 @@ fn a_volume_that_cannot_be_read_is_not_drawn() {
     shown("volume_none", "", "", "", grey);
     let folder = directory("volume_none");
     std::fs::remove_dir_all(folder.join("stack")).expect("it is there");
-    let read = |file: &str| std::fs::read_to_string(folder.join(file)).expect("it was written");
-    let mut shown = Shown::of_texts(&folder, &read("world.yaml"), &read("model.yaml"));
+    let (world, model) = (folder.join("world.yaml"), folder.join("model.yaml"));
+    let mut shown = Shown::of_files(Some(&world), &[&model]);
     let mut renderer = Renderer::offscreen().expect("OpenGL without a window");
     let picture = shown.picture(&mut renderer, CAMERA, &PictureRequest::color(16, 12));
     assert!(picture.color.iter().all(|&level| level == 255), "nothing is drawn");

@@ -64,7 +64,12 @@ def test_cuts_are_arrays_and_undone_by_states_and_resets(simulation: ambf.Simula
     assert bone.carve(voxels=[[3, 7, 5], [3, 7, 5], [99, 0, 0]]).indices.tolist() == [[3, 7, 5]]
     slow = bone.carve((-0.004, 0.0, 0.0), radius=0.003, rate=5e-9, interval=1.0, frame="volume")
     assert len(slow.indices) == 5
-    assert len(bone.carve((-0.004, 0.0, 0.0), (-0.002, 0, 0), edges=(0.004, 0.002, 0.002), count=3, frame="volume").indices) == 3
+    assert (
+        len(
+            bone.carve((-0.004, 0.0, 0.0), (-0.002, 0, 0), edges=(0.004, 0.002, 0.002), count=3, frame="volume").indices
+        )
+        == 3
+    )
     assert len(bone.carve((-0.004, 0.004, 0.0), radius=0.001, length=0.004, frame="volume").indices) > 10
     simulation.restore(start)
     assert (bone.voxels()[0] == density).all()

@@ -138,7 +138,7 @@ class Volume:
         return world.voxels(volume)
 
     def distance(
-        self, points: ArrayLike, label: Union[None, str, int] = None, most: float = np.inf
+        self, points: ArrayLike, label: Union[str, int, None] = None, most: float = np.inf
     ) -> Tuple[NDArray[np.float64], NDArray[np.float64]]:
         """How far points are from all solid voxels, or from those of a label: `points` are (points x 3) or (3), world axes, m.
 
@@ -160,7 +160,7 @@ class Volume:
         distances, gradients = table[:, 0], table[:, 1:]
         return distances.reshape(places.shape[:-1]), gradients.reshape(places.shape)
 
-    def save(self, path: Union[str, "os.PathLike[str]"], prefix: str = "slice") -> None:
+    def save(self, path: Union[str, os.PathLike[str]], prefix: str = "slice") -> None:
         """Writes the voxels: to a `.nrrd` file, the surface to `.stl` or `.ply`, or a picture a layer, `prefix<i>.png`, to a folder.
 
         Raises OSError.
