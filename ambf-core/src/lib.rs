@@ -56,3 +56,4 @@ pub use ambf_dynamics::tree;
 pub use ambf_model::{adf, files, mesh, mjcf, robot, text, urdf};
 pub use ambf_plugin as plugin;
 pub use ambf_plugin::{export_driver, export_plugin};
+pub use ambf_volume as volume;

@@ -94,13 +94,13 @@ const KNOWN: [(&str, &str); 7] = [
     ),
     (
         "libvolumetric_drilling",
-        "volumes are drawn by this program, but cannot be cut",
+        "a volume with `tools` in its file is touched and cut without it, and has its topics (docs/volumes.md)",
     ),
     ("libcamera_override", "give the camera `intrinsics` or a `projection matrix` in its file (docs/user-guide.md)"),
     ("libambf_recording", "record with rosbag, or with the example plugin in resources/plugins/recorder"),
     ("libsimulator_plugin_example", "resources/plugins/recorder is a worked example for this program"),
     ("libworld_plugin_example", "resources/plugins/recorder is a worked example for this program"),
-    ("libambf_vol", "volumes are drawn as their pictures are, no plugin changes their voxels"),
+    ("libambf_vol", "volumes are touched, cut and restored without a plugin (docs/volumes.md)"),
 ];
 
 /// Most bytes of a library that are looked at.

@@ -28,16 +28,15 @@ mod renderer;
 mod shaders;
 mod sky;
 mod stage;
-mod texture;
 mod video;
 mod view;
 mod volumes;
 
+pub use ambf_core::volume::texture::{Texture, TextureError};
 pub use cameras::{camera_labels, find_camera, object_label, NoSuchCamera};
 pub use files::{write_rgb_png, DepthFormat};
 pub use picture::{Picture, PictureRequest, Planes};
 pub use renderer::{RenderError, Renderer};
 pub use stage::{Backdrop, Highlight, Marker, MarkerShape, Stage};
-pub use texture::{Texture, TextureError};
 pub use video::{FrameTimes, Video, VideoError};
 pub use view::{published_size, view_matrix, Eye, PixelRay, Projection, Stereo, View};

@@ -19,7 +19,7 @@ use crate::gl::{self, Current, Device, InstanceBuffer, Target, TargetKind};
 use crate::lights::ShadowMap;
 use crate::meshes::Library;
 use crate::sky::Sky;
-use crate::stage::{Backdrop, Built};
+use crate::stage::{Backdrop, Built, Source};
 use crate::view::Eye;
 use crate::volumes::Stacks;
 use crate::{Picture, PictureRequest, Planes, Stage, View};
@@ -175,6 +175,11 @@ impl Renderer {
         self.device.is_software
     }
 
+    /// Bytes of voxels that were sent to the graphics card since the start: whole volumes once, then what was cut.
+    pub fn sent_voxel_bytes(&self) -> u64 {
+        self.resources.volumes.sent
+    }
+
     /// Brings a stage up to date: loads what is new in `visuals`, takes the poses of `snapshot`. Returns messages about
     /// what cannot be drawn as described, each once.
     pub fn prepare(&mut self, stage: &mut Stage, visuals: &Arc<VisualScene>, snapshot: &Snapshot) -> Vec<String> {
@@ -210,6 +215,14 @@ impl Renderer {
                 built.soft_version = resources.soft_versions;
                 let item = &mut built.items[soft.item];
                 (item.center, item.radius) = soft.part.follow(&gl, &item.part, &reading.nodes);
+            }
+        }
+        for item in &mut built.items {
+            let object = &built.objects[item.object];
+            let (Some(isosurface), Source::Volume(id)) = (&mut item.isosurface, object.source) else { continue };
+            let Some(Some(now)) = snapshot.voxels.get(id) else { continue };
+            if let Err(error) = resources.volumes.follow(&gl, &mut isosurface.voxels, now) {
+                messages.push(format!("{}: {error}; what was cut is not shown", object.name));
             }
         }
         messages.retain(|message| built.said.insert(message.clone()));

@@ -4,8 +4,10 @@ mod render_common;
 
 use std::fmt::Write as _;
 use std::path::Path;
+use std::sync::Arc;
 
 use ambf_core::ids::{CameraId, VolumeId};
+use ambf_core::volume::{Carver, Rule, Shape, Stroke, VoxelGrid};
 use ambf_render::{Picture, PictureRequest, Renderer};
 use image::{Rgba, RgbaImage};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -239,21 +241,51 @@ fn transparent_volumes_show_what_is_behind_and_have_no_depth() {
 }
 
 #[test]
-fn pictures_that_do_not_fit_are_named() {
-    let message = |test: &str, change: &dyn Fn(&Path)| {
-        let mut shown = shown(test, "", "", "", grey);
-        change(&directory(test).join("stack"));
+fn a_volume_that_cannot_be_read_is_not_drawn() {
+    shown("volume_none", "", "", "", grey);
+    let folder = directory("volume_none");
+    std::fs::remove_dir_all(folder.join("stack")).expect("it is there");
+    let (world, model) = (folder.join("world.yaml"), folder.join("model.yaml"));
+    let mut shown = Shown::of_files(Some(&world), &[&model]);
+    let mut renderer = Renderer::offscreen().expect("OpenGL without a window");
+    let picture = shown.picture(&mut renderer, CAMERA, &PictureRequest::color(16, 12));
+    assert!(picture.color.iter().all(|&level| level == 255), "nothing is drawn");
+}
+
+#[test]
+fn what_was_cut_is_sent_alone_and_looks_as_if_all_was_sent() {
+    let volume = VolumeId::new(0);
+    for (name, texel) in [("grey", grey as fn(u8) -> [u8; 4]), ("red", |density| [200, 0, 0, density])] {
+        let mut shown = shown(&format!("volume_cut_{name}"), "", "", "", texel);
         let mut renderer = Renderer::offscreen().expect("OpenGL without a window");
-        let picture = shown.picture(&mut renderer, CAMERA, &PictureRequest::color(16, 12));
-        assert!(picture.color.iter().all(|&level| level == 255), "nothing is drawn");
-        picture.messages.concat()
-    };
-    let none = message("volume_none", &|stack| std::fs::remove_dir_all(stack).expect("it is there"));
-    assert!(none.contains("V: no picture is there") && none.contains("ball0.png"), "{none}");
-    let sizes = message("volume_sizes", &|stack| {
-        RgbaImage::new(3, 4).save(stack.join("ball07.png")).expect("a picture");
-    });
-    assert!(sizes.contains("ball07.png has 3 x 4 pixels") && sizes.contains("48 x 40"), "{sizes}");
-    let broken = message("volume_broken", &|stack| std::fs::write(stack.join("ball07.png"), "no").expect("a file"));
-    assert!(broken.contains("ball07.png") && broken.contains("the volume is not drawn"), "{broken}");
+        let request = PictureRequest { depth: true, ids: true, normals: true, ..PictureRequest::color(160, 120) };
+        let before = shown.picture(&mut renderer, CAMERA, &request);
+        let channels = if name == "grey" { 1 } else { 4 };
+        let whole = renderer.sent_voxel_bytes();
+        assert_eq!(whole, u64::from(VOXELS.iter().product::<u32>()) * channels);
+        let mut grid = VoxelGrid::clone(shown.snapshot.voxels[volume].as_ref().expect("it has voxels"));
+        let here = Isometry3::translation(MIDDLE[0] + RADIUS, MIDDLE[1], MIDDLE[2]);
+        let shape = Shape::Sphere { radius: 0.06 };
+        let mut carver = Carver::default();
+        carver.carve(&mut grid, &shape, &Stroke { from: here, to: here }, Rule::All).expect("a cut");
+        shown.snapshot.voxels[volume] = Some(Arc::new(grid));
+        let cut = shown.picture(&mut renderer, CAMERA, &request);
+        let sent = renderer.sent_voxel_bytes() - whole;
+        // The ball has twelve voxels across: at most three bricks each way.
+        assert!(sent > 0 && sent <= 27 * 512 * channels, "{sent} of {whole} bytes");
+        shown.picture(&mut renderer, CAMERA, &request);
+        assert_eq!(renderer.sent_voxel_bytes(), whole + sent, "nothing has changed since");
+        let mut other = Renderer::offscreen().expect("OpenGL without a window");
+        let anew = shown.picture(&mut other, CAMERA, &request);
+        assert!(
+            cut.color == anew.color && cut.depth == anew.depth && cut.normals == anew.normals && cut.ids == anew.ids
+        );
+        // Through the middle of the hole it is as much deeper as the radius of what cut.
+        let focal = 60.0 / 0.25_f64.tan();
+        let middle = shown.snapshot.views[CAMERA].pose.inverse() * Point3::from(MIDDLE);
+        let (column, row) = (80.0 + focal * middle.y / -middle.x, 60.0 - focal * middle.z / -middle.x);
+        let place = row as usize * 160 + column as usize;
+        let deeper = f64::from(cut.depth[place] - before.depth[place]);
+        assert!((deeper - 0.06).abs() < 0.01, "{deeper}");
+    }
 }

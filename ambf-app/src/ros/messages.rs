@@ -27,6 +27,7 @@ mod generated {
         ambf_msgs / Timing,
         ambf_msgs / VehicleCmd,
         ambf_msgs / VehicleState,
+        ambf_msgs / VolumeCmd,
         ambf_msgs / WorldCmd,
         ambf_msgs / WorldState,
         diagnostic_msgs / DiagnosticArray,
@@ -38,7 +39,10 @@ mod generated {
         sensor_msgs / PointCloud2,
         std_msgs / Empty,
         std_msgs / Float32,
-        tf2_msgs / TFMessage
+        tf2_msgs / TFMessage,
+        volumetric_drilling_msgs / Index,
+        volumetric_drilling_msgs / VolumeInfo,
+        volumetric_drilling_msgs / Voxels
     );
 }
 
@@ -47,7 +51,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use ambf_core::comm::Snapshot;
 use nalgebra::{Isometry3, Vector3};
 
-pub use generated::{ambf_msgs, diagnostic_msgs, geometry_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs};
+pub use generated::{
+    ambf_msgs, diagnostic_msgs, geometry_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs, volumetric_drilling_msgs,
+};
 
 /// Header of a state: time stamp of the physics step, empty frame; the publisher fills in the running number. Without a
 /// snapshot all zero, which rosrust sends with the time of sending.
@@ -151,7 +157,18 @@ mod tests {
         check::<ambf_msgs::ContactSensorState>("ambf_msgs/ContactSensorState", "69bafc7aa5201075354dea9d8be980d5");
         check::<ambf_msgs::GhostObjectCmd>("ambf_msgs/GhostObjectCmd", "d7be0bb39af8fb9129d5a76e6b63a290");
         check::<ambf_msgs::GhostObjectState>("ambf_msgs/GhostObjectState", "415d13a1e544582332f8da23ceee6c2f");
+        // Of the C++ drilling plugin.
+        check::<volumetric_drilling_msgs::Index>("volumetric_drilling_msgs/Index", "95da2541c9d6989c0876f480a9b1c7e4");
+        check::<volumetric_drilling_msgs::Voxels>(
+            "volumetric_drilling_msgs/Voxels",
+            "7cd932ee96e95d914af050c7da8c2ecf",
+        );
+        check::<volumetric_drilling_msgs::VolumeInfo>(
+            "volumetric_drilling_msgs/VolumeInfo",
+            "eca5e1d3f35a79d6d1cc4d0b1037724c",
+        );
         // Ours, as Debian's genpy computes them.
+        check::<ambf_msgs::VolumeCmd>("ambf_msgs/VolumeCmd", "e6a542c8ed43a7763c2652788bb84090");
         check::<ambf_msgs::AddModel>("ambf_msgs/AddModel", "f5bd0122d8d7f607648fac2661ce032e");
         check::<ambf_msgs::ListModels>("ambf_msgs/ListModels", "ff08cbe897983592b3543e831685aaec");
         check::<ambf_msgs::Step>("ambf_msgs/Step", "ebe26e09d74f794e63141d69f616e688");

@@ -4,10 +4,13 @@ use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
 use arc_swap::{ArcSwap, ArcSwapOption, Guard};
+use crossbeam_channel::Receiver;
 use parking_lot::Mutex;
 use thiserror::Error;
 
-use super::{Channel, Command, ObjectKind, Rates, Snapshot, SnapshotWriter, StepThrottle};
+use super::volume::Cuts;
+use super::{Channel, Command, Cut, ObjectKind, Order, Rates, Snapshot, SnapshotWriter, StepThrottle, VolumeCommand};
+use crate::ids::VolumeId;
 use crate::scene::VisualScene;
 use ambf_plugin::run::Asked;
 use ambf_plugin::SnapshotSlot;
@@ -134,6 +137,9 @@ pub enum PostError {
         "a command for \"{0}\" holds a number that is not finite; it is ignored and the one before stays in force"
     )]
     NotFinite(String),
+    /// Error when so many commands of volumes wait that there is no room for another one.
+    #[error("too many commands of volumes wait to be executed; this one is ignored")]
+    Full,
 }
 
 /// Resets that are requested.
@@ -167,6 +173,7 @@ pub struct Hub {
     reset_world: Asked,
     reset_bodies: AtomicBool,
     start: Instant,
+    cuts: Cuts,
 }
 
 impl Hub {
@@ -189,7 +196,37 @@ impl Hub {
             reset_world: Asked::default(),
             reset_bodies: AtomicBool::new(false),
             start: Instant::now(),
+            cuts: Cuts::default(),
         }
+    }
+
+    /// Leaves a command of a volume: executed before the next update, after those that came before it. A reset of the
+    /// world that is asked for later forgets it.
+    ///
+    /// # Errors
+    /// [`PostError::Full`].
+    pub fn post_volume(&self, volume: VolumeId, command: VolumeCommand) -> Result<(), PostError> {
+        self.cuts.post(volume, command).then_some(()).ok_or(PostError::Full)
+    }
+
+    /// Physics thread: the next command of a volume.
+    pub(crate) fn take_volume_order(&self) -> Option<Order> {
+        self.cuts.take()
+    }
+
+    /// All cuts from now on, until the receiver is dropped. It holds 1024 that were not read; of more, the newest are lost.
+    pub fn follow_cuts(&self) -> Receiver<Arc<Cut>> {
+        self.cuts.follow()
+    }
+
+    /// Whether somebody wants to know of cuts.
+    pub(crate) fn has_cut_followers(&self) -> bool {
+        self.cuts.has_followers()
+    }
+
+    /// Physics thread: tells of a cut.
+    pub(crate) fn tell_cut(&self, cut: Cut) {
+        self.cuts.tell(cut);
     }
 
     /// All objects that have a State and a Command; the position in this list names an object below. Models that are

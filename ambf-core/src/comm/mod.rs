@@ -22,6 +22,7 @@ mod reading;
 mod schedule;
 mod step;
 mod throttle;
+mod volume;
 
 pub use crate::bullet::BodyKinematics;
 pub use ambf_plugin::JointCommandType;
@@ -45,6 +46,8 @@ pub type SnapshotWriter = ambf_plugin::SnapshotWriter<Snapshot>;
 
 pub use step::{OrderedCommands, StepError, StepOrder};
 pub use throttle::{Activity, StepThrottle, WorldCommand};
+pub(crate) use volume::Order;
+pub use volume::{CarveCommand, Cut, ToolReading, VolumeCommand};
 
 use std::sync::Arc;
 use std::time::Duration;

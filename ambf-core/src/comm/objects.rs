@@ -4,6 +4,7 @@
 //! What is known of the objects of a type has three parts: what does not change (`…Info`), what does (`…Reading`) and
 //! what clients ask for (`…Command`). Those of a new type stand in a file of its own below this module.
 
+use std::sync::Arc;
 use std::time::SystemTime;
 
 use nalgebra::Isometry3;
@@ -11,13 +12,15 @@ use nalgebra::Isometry3;
 use super::{
     ActuatorCommand, ActuatorInfo, CameraParameters, CameraView, ContactReading, GhostInfo, GhostReading,
     LightParameters, Mailbox, PoseCommand, RayReading, RigidBodyCommand, RigidBodyInfo, SensorCommand, SensorInfo,
-    SoftBodyCommand, SoftBodyReading, SpotReading, Timing, VehicleCommand, VehicleInfo, VehicleReading, Wrench,
+    SoftBodyCommand, SoftBodyReading, SpotReading, Timing, ToolReading, VehicleCommand, VehicleInfo, VehicleReading,
+    Wrench,
 };
 use crate::bullet::BodyKinematics;
 use crate::ids::{
     ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, SensorId, SoftBodyId, Table, VehicleId, VolumeId,
 };
 use ambf_plugin::ObjectId;
+use ambf_volume::VoxelGrid;
 
 macro_rules! object_kinds {
     ($($(#[$doc:meta])* $kind:ident($id:ident = $type:ident, $info:ty) with $mailbox:ident;)*) => {
@@ -149,6 +152,10 @@ pub struct Snapshot {
     pub ghosts: Table<GhostId, GhostReading>,
     /// (volumes x 1) pose in the world.
     pub volumes: Table<VolumeId, Isometry3<f64>>,
+    /// (volumes x 1) voxels as they are now; `None`: the volume is empty, or its voxels cannot be read.
+    pub voxels: Table<VolumeId, Option<Arc<VoxelGrid>>>,
+    /// (volumes x tools).
+    pub tools: Table<VolumeId, Vec<ToolReading>>,
 }
 
 impl Default for Snapshot {
@@ -176,6 +183,8 @@ impl Default for Snapshot {
             soft_bodies: Table::default(),
             ghosts: Table::default(),
             volumes: Table::default(),
+            voxels: Table::default(),
+            tools: Table::default(),
         }
     }
 }

@@ -74,6 +74,7 @@ impl<'a> Builder<'a> {
         self.scene.changes += 1;
         self.scene.vacate(&BTreeSet::new());
         self.resolve_parents();
+        self.resolve_tools();
         self.scene.arrange();
         let (remarks, open) = self.assembly.put_together(self.scene, &self.models);
         self.notes.extend(remarks);

@@ -174,6 +174,8 @@ fn preload(meshes: &CollisionMeshes, models: &[PlannedModel], progress: &Progres
     meshes.files.preload(&wanted, &|| progress.advance());
     let hulls: Vec<_> = models.iter().flat_map(needed_hulls).collect();
     meshes.hulls.preload(&meshes.files, &hulls, progress);
+    let volumes = models.iter().flat_map(|model| &model.description().volumes);
+    volumes.for_each(|volume| meshes.voxels.preload(volume, progress));
 }
 
 /// A model that was read and whose meshes are in memory, ready to be built into a scene.

@@ -37,9 +37,11 @@ mod shared;
 mod soft_body;
 mod states;
 mod targets;
+mod tool;
 mod vehicle;
 mod visuals;
 mod volume;
+mod voxels;
 
 pub use actuator::Actuator;
 pub use ambf_plugin::{ObjectId, ObjectType};
@@ -75,7 +77,7 @@ pub use visuals::{
     VisualActuator, VisualBody, VisualCamera, VisualJoint, VisualLight, VisualModel, VisualObject, VisualScene,
     VisualSensor, VisualSoftBody, VisualVehicle, VisualVolume,
 };
-pub use volume::Volume;
+pub use volume::{Volume, VolumeError};
 
 use std::fmt;
 use std::sync::Arc;

@@ -19,9 +19,17 @@ pub(super) enum Part {
     Hulls,
     Models,
     Articulations,
+    Voxels,
 }
 
-const PARTS: [&str; 5] = ["files", "meshes", "meshes divided into convex hulls", "models built", "joints put together"];
+const PARTS: [&str; 6] = [
+    "files",
+    "meshes",
+    "meshes divided into convex hulls",
+    "models built",
+    "joints put together",
+    "pictures of volumes",
+];
 
 impl Progress {
     /// A part begins that consists of `all` pieces.
@@ -29,6 +37,11 @@ impl Progress {
         self.done.store(0, Ordering::Relaxed);
         self.all.store(all, Ordering::Relaxed);
         self.part.store(part as usize, Ordering::Relaxed);
+    }
+
+    /// So many of the pieces are done.
+    pub(super) fn reach(&self, done: usize) {
+        self.done.fetch_max(done, Ordering::Relaxed);
     }
 
     /// A piece is done.

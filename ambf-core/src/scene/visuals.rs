@@ -8,6 +8,8 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Vector3};
 
 use super::{Identity, JointType, LocalRay, Scene};
+use ambf_volume::VoxelGrid;
+
 use crate::adf;
 use crate::ids::{
     ActuatorId, BodyId, CameraId, GhostId, JointId, LightId, ModelId, SensorId, SoftBodyId, Table, VehicleId, VolumeId,
@@ -207,6 +209,9 @@ pub struct VisualVolume {
     pub object: VisualObject,
     /// What it was made from.
     pub description: Arc<adf::Volume>,
+    /// The voxels when it was made; `None`: it is empty, or they cannot be read. Those of now are in
+    /// [`Snapshot::voxels`](crate::comm::Snapshot::voxels).
+    pub voxels: Option<Arc<VoxelGrid>>,
 }
 
 impl VisualBody {
@@ -373,6 +378,7 @@ impl Scene {
         let volume = |volume: &super::Volume| VisualVolume {
             object: object(&volume.attached.identity),
             description: Arc::clone(&volume.description),
+            voxels: volume.first_voxels().cloned(),
         };
         let joint = |joint: &super::Joint| VisualJoint {
             name: joint.name.as_str().into(),

@@ -1,32 +1,106 @@
-//! Volumes: voxel data that is drawn where the volume is. They collide with nothing, and as in the C++ program have no
-//! topics: what moves one is its parent.
+//! Volumes: voxel data that is drawn, measured and cut where the volume is. They collide with nothing, and as in the C++
+//! program have no topics of their own: what moves one is its parent.
 
 use std::sync::Arc;
 
+use ambf_volume::carve::CarveError;
+use ambf_volume::{Carved, Carver, Stroke, VoxelGrid};
 use nalgebra::Isometry3;
+use thiserror::Error;
 
 use super::attached::Attached;
 use super::build::Builder;
 use super::list::SceneObject;
-use super::{Identity, ObjectType, Scene};
-use crate::adf;
-use crate::comm::Snapshot;
+use super::tool::{SavedTool, Tool};
+use super::{Identity, ObjectType, Parent, Scene};
+use crate::adf::{self, Severity};
+use crate::comm::{CarveCommand, Snapshot};
 use crate::ids::VolumeId;
+
+/// Voxels of a cut that take no new memory.
+const ROOM: usize = 1 << 14;
 
 /// A volume of a [`Scene`].
 #[derive(Debug, Clone)]
 pub struct Volume {
     /// Names, parent and pose.
     pub attached: Attached,
-    /// What it was made from; its voxels are read by who draws them.
+    /// What it was made from.
     pub description: Arc<adf::Volume>,
+    voxels: Option<Voxels>,
+    pub(super) tools: Vec<Tool>,
+    /// What tools have cut in the latest update.
+    cut: Carved,
+}
+
+/// Voxels at the start and now. Both share what was not cut.
+#[derive(Debug, Clone)]
+struct Voxels {
+    first: Arc<VoxelGrid>,
+    now: Arc<VoxelGrid>,
+    carver: Carver,
+}
+
+/// What of a [`Volume`] changes while the simulation runs.
+#[derive(Debug, Clone)]
+pub(super) struct SavedVolume {
+    pose: Isometry3<f64>,
+    /// Voxels, and what a rate of cutting has left over, m³.
+    voxels: Option<(Arc<VoxelGrid>, f64)>,
+    tools: Vec<SavedTool>,
+}
+
+/// Error when a volume cannot be cut.
+#[derive(Debug, Error, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum VolumeError {
+    /// Error when there is no such volume, or no longer.
+    #[error("there is no volume of that name or number")]
+    Unknown,
+    /// Error when a volume has no voxels.
+    #[error("volume `{0}` has no voxels")]
+    Empty(String),
+    /// Error when its file says that a volume is not to be cut.
+    #[error("volume `{0}` is not to be cut: its file says `carvable: false`")]
+    NotCarvable(String),
+    /// Error when a volume has no tool of a number, or a radius is not positive and finite.
+    #[error("volume `{0}` has no such tool, or its radius is not positive")]
+    Tool(String),
+    /// Error when the cut is not described by usable numbers.
+    #[error(transparent)]
+    Carve(#[from] CarveError),
+}
+
+impl Volume {
+    /// The voxels now; `None`: it is empty, or they cannot be read.
+    pub fn voxels(&self) -> Option<&Arc<VoxelGrid>> {
+        self.voxels.as_ref().map(|voxels| &voxels.now)
+    }
+
+    /// The voxels at the start.
+    pub fn first_voxels(&self) -> Option<&Arc<VoxelGrid>> {
+        self.voxels.as_ref().map(|voxels| &voxels.first)
+    }
+
+    fn restore_voxels(&mut self) {
+        if let Some(voxels) = &mut self.voxels {
+            voxels.now = Arc::clone(&voxels.first);
+            voxels.carver.carry = 0.0;
+        }
+    }
+
+    /// What tools have cut since this was asked the last time, in the order in which they did.
+    pub(crate) fn cut_by_tools(&self) -> &Carved {
+        &self.cut
+    }
 }
 
 impl SceneObject for Volume {
     type Id = VolumeId;
-    type Saved = Isometry3<f64>;
+    type Saved = SavedVolume;
     const TYPE: ObjectType = ObjectType::Volume;
     const RANK: u8 = 8;
+    const ACTS: bool = true;
 
     fn identity(&self) -> &Identity {
         &self.attached.identity
@@ -34,27 +108,128 @@ impl SceneObject for Volume {
 
     fn make_room(&self, _scene: &Scene, snapshot: &mut Snapshot) {
         snapshot.volumes.push(Isometry3::identity());
+        snapshot.voxels.push(self.voxels().cloned());
+        snapshot.tools.push(self.tools.iter().map(Tool::reading).collect());
     }
 
     fn read(&self, id: Self::Id, scene: &Scene, snapshot: &mut Snapshot) {
         snapshot.volumes[id] = scene.global_pose(self.attached.parent, &self.attached.pose);
+        let tools = &mut snapshot.tools[id];
+        tools.clear();
+        tools.extend(self.tools.iter().map(Tool::reading));
+        if let (Some(shown), Some(now)) = (&mut snapshot.voxels[id], self.voxels()) {
+            if !Arc::ptr_eq(shown, now) {
+                *shown = Arc::clone(now);
+            }
+        }
     }
 
     fn pose(&self, _id: Self::Id, scene: &Scene) -> Option<Isometry3<f64>> {
         Some(scene.global_pose(self.attached.parent, &self.attached.pose))
     }
 
+    /// Tools touch and cut.
+    fn update(scene: &mut Scene, id: Self::Id, _sub_step: f64, interval: f64) {
+        let volume = &mut scene.volumes[id];
+        volume.cut.clear();
+        if volume.tools.is_empty() || volume.voxels.is_none() {
+            return;
+        }
+        let Attached { parent, pose, .. } = volume.attached;
+        let pose = scene.global_pose(parent, &pose);
+        let Scene { volumes, bodies, world, .. } = scene;
+        let Volume { tools, voxels: Some(Voxels { now, .. }), cut, description, .. } = &mut volumes[id] else { return };
+        let carrier = match parent {
+            Some(Parent::Body(body)) => Some(body),
+            _ => None,
+        };
+        for tool in tools {
+            tool.update(now, &pose, carrier, bodies, world, interval, description.carvable, cut);
+        }
+    }
+
     fn reset(scene: &mut Scene, id: Self::Id) {
-        scene.volumes[id].attached.reset();
+        let volume = &mut scene.volumes[id];
+        volume.attached.reset();
+        volume.restore_voxels();
+        volume.tools.iter_mut().for_each(Tool::reset);
+        volume.cut.clear();
     }
 
     fn save(&self) -> Self::Saved {
-        let Self { attached, description: _ } = self;
-        attached.save()
+        // All fields by name, so that no new one is forgotten.
+        let Self { attached, description: _, voxels, tools, cut: _ } = self;
+        let of_voxels = |Voxels { first: _, now, carver }: &Voxels| (Arc::clone(now), carver.carry);
+        let tools = tools.iter().map(Tool::save).collect();
+        SavedVolume { pose: attached.save(), voxels: voxels.as_ref().map(of_voxels), tools }
     }
 
     fn restore(&mut self, saved: &Self::Saved) {
-        self.attached.pose = *saved;
+        self.attached.pose = saved.pose;
+        if let (Some(voxels), Some((now, carry))) = (&mut self.voxels, &saved.voxels) {
+            voxels.now = Arc::clone(now);
+            voxels.carver.carry = *carry;
+        }
+        self.tools.iter_mut().zip(&saved.tools).for_each(|(tool, saved)| tool.restore(saved));
+        self.cut.clear();
+    }
+}
+
+impl Scene {
+    /// The volume that `name` names: its whole qualified identifier, or a part of it that no other has.
+    pub fn volume_named(&self, name: &str) -> Option<VolumeId> {
+        self.volumes.names.id(name)
+    }
+
+    /// Cuts a volume; what was removed. Between two iterations only. What shares the voxels of before, such as a saved
+    /// state, keeps them.
+    ///
+    /// # Errors
+    /// [`VolumeError`]; nothing is cut then.
+    pub(crate) fn carve(&mut self, id: VolumeId, command: &CarveCommand) -> Result<&Carved, VolumeError> {
+        let volume = self.volumes.get(id).ok_or(VolumeError::Unknown)?;
+        let pose = self.global_pose(volume.attached.parent, &volume.attached.pose);
+        let volume = &mut self.volumes[id];
+        let name = || volume.attached.identity.key();
+        if !volume.description.carvable {
+            return Err(VolumeError::NotCarvable(name()));
+        }
+        let Some(Voxels { now, carver, .. }) = &mut volume.voxels else {
+            return Err(VolumeError::Empty(volume.attached.identity.key()));
+        };
+        let local = |there: &Isometry3<f64>| if command.in_world { pose.inv_mul(there) } else { *there };
+        let stroke = Stroke { from: local(&command.from), to: local(&command.to) };
+        Ok(carver.carve(Arc::make_mut(now), &command.shape, &stroke, command.rule)?)
+    }
+
+    /// Switches a tool of a volume, or gives it another burr.
+    ///
+    /// # Errors
+    /// [`VolumeError::Unknown`], [`VolumeError::Tool`].
+    pub(crate) fn set_tool(
+        &mut self,
+        id: VolumeId,
+        tool: usize,
+        on: Option<bool>,
+        radius: Option<f64>,
+    ) -> Result<(), VolumeError> {
+        let volume = self.volumes.get_mut(id).ok_or(VolumeError::Unknown)?;
+        let name = || volume.attached.identity.key();
+        let is_usable = radius.is_none_or(|radius| radius.is_finite() && radius > 0.0);
+        if !is_usable || tool >= volume.tools.len() {
+            return Err(VolumeError::Tool(name()));
+        }
+        volume.tools[tool].set(on, radius);
+        Ok(())
+    }
+
+    /// Gives a volume the voxels of the start back.
+    ///
+    /// # Errors
+    /// [`VolumeError::Unknown`].
+    pub(crate) fn restore_voxels(&mut self, id: VolumeId) -> Result<(), VolumeError> {
+        self.volumes.get_mut(id).ok_or(VolumeError::Unknown)?.restore_voxels();
+        Ok(())
     }
 }
 
@@ -68,7 +243,53 @@ impl Builder<'_> {
 
     fn add_volume(&mut self, volume: &adf::Volume) {
         let identity = self.identity(&volume.common, |scene| &scene.volumes.names);
-        let attached = Attached::new(identity, volume.location);
-        self.scene.volumes.push(Volume { attached, description: Arc::new(volume.clone()) });
+        let mut location = volume.location;
+        let voxels = match self.meshes.voxels.get(volume) {
+            None => None,
+            Some(Ok(read)) => {
+                for note in read.notes {
+                    self.note(Severity::Info, &volume.common.source, format!("`{}`: {note}", volume.common.identifier));
+                }
+                if volume.nrrd.is_some() && volume.images.is_none() && !volume.has_location {
+                    location = read.pose;
+                }
+                let (first, now) = (Arc::clone(&read.grid), read.grid);
+                Some(Voxels { first, now, carver: Carver::with_room(ROOM) })
+            }
+            Some(Err(why)) => {
+                let message = format!("`{}`: {why}; the volume is empty", volume.common.identifier);
+                self.note(Severity::Error, &volume.common.source, message);
+                None
+            }
+        };
+        let attached = Attached::new(identity, location);
+        let tools = volume.tools.iter().map(|tool| Tool::new(tool.clone())).collect();
+        let description = Arc::new(volume.clone());
+        self.scene.volumes.push(Volume { attached, description, voxels, tools, cut: Carved::default() });
+    }
+
+    /// Finds the bodies of tools, which may be in later models.
+    pub(super) fn resolve_tools(&mut self) {
+        for id in self.scene.volumes.ids().collect::<Vec<_>>() {
+            for place in 0..self.scene.volumes[id].tools.len() {
+                let volume = &self.scene.volumes[id];
+                if volume.tools[place].body.is_some() {
+                    continue;
+                }
+                let (name, source) =
+                    (volume.description.tools[place].body.clone(), volume.description.common.source.clone());
+                match self.scene.find_parent(Parent::Volume(id), &name) {
+                    Ok(Parent::Body(body)) => self.scene.volumes[id].tools[place].body = Some(body),
+                    found => {
+                        let why = found.err().unwrap_or_else(|| "no body".to_owned());
+                        let message = format!(
+                            "tool {place} of `{}`: `{name}`: {why}",
+                            self.scene.volumes[id].attached.identity.key()
+                        );
+                        self.note_wanted(Severity::Warning, &source, message, &name);
+                    }
+                }
+            }
+        }
     }
 }

@@ -4,16 +4,18 @@ use std::cmp::Reverse;
 use std::sync::Arc;
 use std::time::Instant;
 
+use ambf_volume::Carved;
 use nalgebra::Vector3;
 
 use super::physics::Physics;
 use super::{LostState, Nearness, Reset, Simulation};
 use crate::comm::{
-    Activity, ActuatorCommand, Channel, Hub, HubIndex, HubObject, Inbox, JointCommandType, ObjectKind, ObjectList,
-    Resets, RigidBodyCommand, Snapshot, SnapshotWriter, Timing, VehicleCommand, Wrench,
+    Activity, ActuatorCommand, CarveCommand, Channel, Cut, Hub, HubIndex, HubObject, Inbox, JointCommandType,
+    ObjectKind, ObjectList, Resets, RigidBodyCommand, Snapshot, SnapshotWriter, Timing, VehicleCommand, VolumeCommand,
+    Wrench,
 };
-use crate::ids::{ActuatorId, BodyId, SoftBodyId, Table, VehicleId};
-use crate::scene::{Commands, Scene};
+use crate::ids::{ActuatorId, BodyId, SoftBodyId, Table, VehicleId, VolumeId};
+use crate::scene::{Commands, Scene, VolumeError};
 
 /// The physics thread's end of the hub.
 pub(super) struct Link {
@@ -271,6 +273,7 @@ impl Simulation {
     /// [`LostState`] when a finite command has a result that is not, such as a goal so far off that the velocity
     /// towards it overflows.
     pub(super) fn execute_commands(&mut self) -> Result<(), LostState> {
+        self.execute_volume_orders();
         let Some(link) = &mut self.link else { return Ok(()) };
         link.fetch(&mut self.physics.scene, &mut self.notices);
         link.execute(&mut self.physics, &mut self.notices);
@@ -356,6 +359,75 @@ impl Simulation {
     /// Executes a command of an actuator: it fixes a body to its parent, or releases it. A sentence when what the command names is not there.
     pub fn command_actuator(&mut self, actuator: ActuatorId, command: &ActuatorCommand) -> Option<String> {
         self.physics.scene.command_actuator(actuator, command)
+    }
+
+    /// Cuts a volume, between iterations; what was removed. It is seen with the next publication.
+    ///
+    /// # Errors
+    /// [`VolumeError`]; nothing is cut then.
+    pub fn carve(&mut self, volume: VolumeId, command: &CarveCommand) -> Result<&Carved, VolumeError> {
+        let (stamp, sim_time, sim_step) =
+            (self.physics.stamp_now(), self.physics.time.sim_time, self.physics.sim_step());
+        let carved = self.physics.scene.carve(volume, command)?;
+        let hub = self.link.as_ref().map(|link| &link.hub).filter(|hub| hub.has_cut_followers());
+        if let Some(hub) = hub.filter(|_| !carved.indices.is_empty()) {
+            hub.tell_cut(Cut { volume, stamp, sim_time, sim_step, carved: carved.clone() });
+        }
+        Ok(carved)
+    }
+
+    /// Switches a tool of a volume on or off, or gives it a tip of another radius, m.
+    ///
+    /// # Errors
+    /// [`VolumeError::Unknown`], [`VolumeError::Tool`].
+    pub fn set_tool(
+        &mut self,
+        volume: VolumeId,
+        tool: usize,
+        on: Option<bool>,
+        radius: Option<f64>,
+    ) -> Result<(), VolumeError> {
+        self.physics.scene.set_tool(volume, tool, on, radius)
+    }
+
+    /// Tells what tools have cut in the latest update.
+    pub(super) fn tell_cuts(&self) {
+        let Some(hub) = self.link.as_ref().map(|link| &link.hub).filter(|hub| hub.has_cut_followers()) else { return };
+        for (volume, found) in self.physics.scene.volumes.entries() {
+            let carved = found.cut_by_tools();
+            if !carved.indices.is_empty() {
+                let (sim_time, sim_step) = (self.physics.time.sim_time, self.physics.sim_step());
+                hub.tell_cut(Cut {
+                    volume,
+                    stamp: self.physics.stamp_now(),
+                    sim_time,
+                    sim_step,
+                    carved: carved.clone(),
+                });
+            }
+        }
+    }
+
+    /// Executes the commands of volumes that wait.
+    fn execute_volume_orders(&mut self) {
+        while let Some((_, volume, command)) = self.link.as_ref().and_then(|link| link.hub.take_volume_order()) {
+            let done = match command {
+                VolumeCommand::Carve(command) => self.carve(volume, &command).map(|_| ()),
+                VolumeCommand::Restore => self.restore_voxels(volume),
+                VolumeCommand::Tool { tool, on, radius } => self.set_tool(volume, tool, on, radius),
+            };
+            if let Err(error) = done {
+                self.notices.push(format!("a command of a volume is ignored: {error}"));
+            }
+        }
+    }
+
+    /// Gives a volume the voxels of the start back, as a reset does.
+    ///
+    /// # Errors
+    /// [`VolumeError::Unknown`].
+    pub fn restore_voxels(&mut self, volume: VolumeId) -> Result<(), VolumeError> {
+        self.physics.scene.restore_voxels(volume)
     }
 
     /// Draws the node of a soft body that is nearest to `point` (m, world axes) and within `radius` of it towards
@@ -447,6 +519,11 @@ impl Simulation {
     pub(super) fn forget_commands_before(&mut self, time: Instant) {
         let Some(link) = &mut self.link else { return };
         link.fetch(&mut self.physics.scene, &mut self.notices);
+        // Of those of volumes the later ones wait on, in order.
+        let orders: Vec<_> = std::iter::from_fn(|| link.hub.take_volume_order()).collect();
+        for (_, volume, command) in orders.into_iter().filter(|(came, ..)| *came >= time) {
+            let _ = link.hub.post_volume(volume, command);
+        }
         let time_ns = link.hub.at_ns(time);
         let Link { slots, commanded, .. } = link;
         commanded.retain(|&object| !slots[object.0].forget_before(time_ns));

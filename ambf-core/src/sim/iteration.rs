@@ -95,6 +95,7 @@ impl Simulation {
         self.physics.stamp = self.is_listened_to().then(SystemTime::now);
         self.physics.observe();
         self.check_state()?;
+        self.tell_cuts();
         self.tell_devices();
         Ok(())
     }

@@ -156,13 +156,18 @@ impl Physics {
         Timing { sub_step_cap: self.scene.max_sub_steps, ..Timing::default() }
     }
 
+    /// Stamp of the state of this moment.
+    pub fn stamp_now(&self) -> SystemTime {
+        match self.has_simulated_stamps {
+            true => SystemTime::UNIX_EPOCH + Duration::try_from_secs_f64(self.time.sim_time).unwrap_or_default(),
+            false => self.stamp.unwrap_or_else(SystemTime::now),
+        }
+    }
+
     /// Fills a snapshot with the state of this moment; `wall_time` in s.
     pub fn fill(&self, snapshot: &mut Snapshot, wall_time: f64, timing: Timing) {
         let scene = &self.scene;
-        snapshot.stamp = match self.has_simulated_stamps {
-            true => SystemTime::UNIX_EPOCH + Duration::try_from_secs_f64(self.time.sim_time).unwrap_or_default(),
-            false => self.stamp.unwrap_or_else(SystemTime::now),
-        };
+        snapshot.stamp = self.stamp_now();
         snapshot.sim_step = self.sim_step();
         snapshot.wall_time = wall_time;
         snapshot.sim_time = self.time.sim_time;

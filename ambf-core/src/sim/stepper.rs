@@ -2,13 +2,16 @@
 
 use std::sync::Arc;
 
+use ambf_volume::Carved;
 use nalgebra::Isometry3;
 
 use super::{AddedModel, Control, LostState, ModelError, Models, SavedState, Simulation, WindowLink};
 use crate::bullet::{SolverStatistics, StateError};
-use crate::comm::{ActuatorCommand, Hub, HubIndex, ObjectList, RigidBodyCommand, Snapshot};
-use crate::ids::{CameraId, LightId};
-use crate::scene::{ParameterChange, ParameterError, PreparedModel, SetStateError, StateChange, VisualScene};
+use crate::comm::{ActuatorCommand, CarveCommand, Hub, HubIndex, ObjectList, RigidBodyCommand, Snapshot};
+use crate::ids::{CameraId, LightId, VolumeId};
+use crate::scene::{
+    ParameterChange, ParameterError, PreparedModel, SetStateError, StateChange, VisualScene, VolumeError,
+};
 
 /// A simulation without a clock and without threads of its own: it moves in [`step`](Self::step) and nowhere else.
 ///
@@ -247,6 +250,26 @@ impl Stepper {
     /// [`ParameterError`].
     pub fn check_parameters(&self, change: &ParameterChange) -> Result<(), ParameterError> {
         self.simulation.physics.scene.check_parameters(change)
+    }
+
+    /// Cuts a volume, and publishes its voxels; what was removed.
+    ///
+    /// # Errors
+    /// [`VolumeError`]; nothing is cut then.
+    pub fn carve(&mut self, volume: VolumeId, command: &CarveCommand) -> Result<Carved, VolumeError> {
+        let carved = self.simulation.carve(volume, command)?.clone();
+        self.published.publish(&mut self.simulation);
+        Ok(carved)
+    }
+
+    /// Gives a volume the voxels of the start back, as a reset does, and publishes them.
+    ///
+    /// # Errors
+    /// [`VolumeError::Unknown`].
+    pub fn restore_voxels(&mut self, volume: VolumeId) -> Result<(), VolumeError> {
+        self.simulation.restore_voxels(volume)?;
+        self.published.publish(&mut self.simulation);
+        Ok(())
     }
 
     /// Puts a camera at a pose in the world (it looks along its −x axis, +z is up); a reset returns it. Publishes it.

@@ -1,4 +1,4 @@
-//! Volumes: voxel data that is only drawn.
+//! Volumes: voxel data.
 
 use std::path::PathBuf;
 
@@ -21,10 +21,22 @@ pub struct Volume {
     pub location: Isometry3<f64>,
     /// Uniform scale; positive. Default: 1.
     pub scale: f64,
-    /// The voxels; `None`: the volume is empty.
+    /// The voxels as pictures; `None`: they are in [`nrrd`](Self::nrrd), or the volume is empty.
     pub images: Option<ImageStack>,
-    /// Edge lengths, m; positive. Default: 1 each.
+    /// A file with the voxels, instead of pictures, which gives edges and pose where these are not written.
+    pub nrrd: Option<PathBuf>,
+    /// Edge lengths, m; positive. Default: 1 each, or those of the NRRD file.
     pub dimensions: Vector3<f64>,
+    /// Whether edges are written.
+    pub has_dimensions: bool,
+    /// Whether a pose is written.
+    pub has_location: bool,
+    /// What voxels of a colour are. Default: none.
+    pub labels: Vec<VolumeLabel>,
+    /// Whether voxels may be cut. Default: `true`.
+    pub carvable: bool,
+    /// Bodies that touch and cut. Default: none.
+    pub tools: Vec<VolumeTool>,
     /// Default: 0.5.
     pub iso_surface_value: f64,
     /// Default: 1.
@@ -35,6 +47,99 @@ pub struct Volume {
     pub material: Option<Material>,
     /// Own shaders.
     pub shaders: Option<ShaderProgram>,
+}
+
+/// What voxels of one colour are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VolumeLabel {
+    /// Red, green and blue, 0 to 255.
+    pub color: [u8; 3],
+    /// Default: empty.
+    pub name: String,
+    /// Cost of cutting relative to other voxels; positive. Default: 1.
+    pub hardness: f64,
+}
+
+impl VolumeLabel {
+    fn read(map: &Map<'_>) -> Option<Self> {
+        let color = map.map("color");
+        let level = |key| {
+            let level = color.need_real_in(key, Range::NotNegative);
+            if level > 1.0 {
+                color.reject(ProblemKind::OutOfRange, key, "a number from 0 to 1");
+            }
+            level
+        };
+        let levels = ["r", "g", "b"].map(level);
+        color.finish();
+        let label = Self {
+            color: levels.map(|level| (255.0 * level).round() as u8),
+            name: map.string("name").unwrap_or_default(),
+            hardness: map.real_in("hardness", Range::Positive).unwrap_or(1.0),
+        };
+        map.finish();
+        Some(label)
+    }
+}
+
+/// A body whose balls touch a volume, and of which the first one cuts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VolumeTool {
+    /// Name of the body.
+    pub body: String,
+    /// The ball that cuts.
+    pub tip: ToolBall,
+    /// Further balls, along a shaft. Default: none.
+    pub cursors: Vec<ToolBall>,
+    /// What it cuts while it touches, m³/s of hardness 1; not negative. Default: 0.
+    pub rate: f64,
+    /// Whether it cuts from the start on. Default: `true`.
+    pub on: bool,
+    /// N/m; positive. Default: 700.
+    pub stiffness: f64,
+    /// N·s/m; not negative. Default: 0.
+    pub damping: f64,
+    /// Coefficient of friction; not negative. Default: 0.
+    pub friction: f64,
+    /// Most of the force of each ball, N; positive. Default: 3.3.
+    pub largest_force: f64,
+}
+
+/// A ball of a tool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ToolBall {
+    /// Centre in the body frame, m. Default: its origin.
+    pub position: Vector3<f64>,
+    /// m; positive.
+    pub radius: f64,
+}
+
+impl ToolBall {
+    fn read(map: &Map<'_>) -> Self {
+        let position = map.vector("position").unwrap_or_default();
+        let ball = Self { position, radius: map.need_real_in("radius", Range::Positive) };
+        map.finish();
+        ball
+    }
+}
+
+impl VolumeTool {
+    fn read(map: &Map<'_>) -> Self {
+        let or = |key, range, default| map.real_in(key, range).unwrap_or(default);
+        let tool = Self {
+            body: map.need_string("body"),
+            tip: ToolBall::read(&map.map("tip")),
+            cursors: map.maps("cursors").iter().map(ToolBall::read).collect(),
+            rate: or("rate", Range::NotNegative, 0.0),
+            on: map.boolean("on").unwrap_or(true),
+            stiffness: or("stiffness", Range::Positive, 700.0),
+            damping: or("damping", Range::NotNegative, 0.0),
+            friction: or("friction", Range::NotNegative, 0.0),
+            largest_force: or("largest force", Range::Positive, 3.3),
+        };
+        map.finish();
+        tool
+    }
 }
 
 /// A stack of images `path/prefix<i>.format`, i from 0 to `count` (the C++ program reads one more than it counts).
@@ -62,6 +167,10 @@ impl Volume {
         } else {
             None
         };
+        let nrrd = map.path_beside("nrrd");
+        if nrrd.is_some() && images.is_some() {
+            map.warn(ProblemKind::IgnoredKey, "nrrd", "either `images` or `nrrd`", "`images` are used");
+        }
         let dimensions = map.vector("dimensions").unwrap_or(Vector3::repeat(1.0));
         if dimensions.min() <= 0.0 && map.has("dimensions") {
             let expected = "edge lengths above 0";
@@ -73,7 +182,13 @@ impl Volume {
             location: map.pose("location").unwrap_or_default(),
             scale: map.real_in("scale", Range::Positive).unwrap_or(1.0),
             images,
+            nrrd,
             dimensions,
+            has_dimensions: map.has("dimensions"),
+            has_location: map.has("location"),
+            labels: map.maps("labels").iter().filter_map(VolumeLabel::read).collect(),
+            tools: map.maps("tools").iter().map(VolumeTool::read).collect(),
+            carvable: map.boolean("carvable").unwrap_or(true),
             iso_surface_value: map.real("iso-surface value").unwrap_or(0.5),
             optical_density: map.real("optical density").unwrap_or(1.0),
             quality: map.real("quality").unwrap_or(0.5),
@@ -133,6 +248,25 @@ mod tests {
         let images = volumes[0].images.as_ref().expect("images");
         assert_eq!((images.path.to_str(), images.count), (Some("dir/p"), 3));
         assert_eq!((&volumes[1].images, volumes[1].dimensions.x), (&None, 1.0));
+        assert!(volumes[1].carvable && volumes[1].labels.is_empty() && !volumes[1].has_location);
+    }
+
+    #[test]
+    fn a_file_instead_of_images_and_what_colours_are() {
+        let text = "volumes: [V]\nV: {nrrd: s.nrrd, carvable: false, dimensions: {x: 1, y: 2, z: 3}, \
+                    labels: [{color: {r: 1, g: 0.5, b: 0}, name: nerve, hardness: 2}]}\n";
+        let volume = &clean::<Model>(text).volumes[0];
+        assert_eq!(volume.nrrd.as_deref(), Some(std::path::Path::new("dir/s.nrrd")));
+        assert!(volume.has_dimensions && !volume.has_location && !volume.carvable);
+        let nerve = VolumeLabel { color: [255, 128, 0], name: "nerve".into(), hardness: 2.0 };
+        assert_eq!(volume.labels, [nerve]);
+        let tool = "volumes: [V]\nV: {tools: [{body: drill, tip: {position: {x: 0, y: 0, z: 1}, radius: 0.003}, rate: 3.0e-8, \
+                    cursors: [{radius: 0.001}], largest force: 2}]}\n";
+        let tools = &clean::<Model>(tool).volumes[0].tools;
+        assert_eq!((tools[0].body.as_str(), tools[0].tip.position.z, tools[0].rate), ("drill", 1.0, 3e-8));
+        assert_eq!((tools[0].cursors.len(), tools[0].stiffness, tools[0].largest_force), (1, 700.0, 2.0));
+        let wrong = "volumes: [V]\nV: {labels: [{color: {r: 2, g: 0, b: 0}, hardness: 0}]}\nbodies: []\n";
+        assert!(read::<Model>(wrong).1.len() >= 2);
     }
 
     #[test]

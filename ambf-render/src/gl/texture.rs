@@ -74,6 +74,33 @@ impl Current<'_> {
         })
     }
 
+    /// Stores voxels of a [`volume`](Self::volume) anew, from `low` up to `high`, without it: (z × y × x × channels).
+    pub(crate) fn update_volume(
+        &self,
+        texture: &Texture,
+        low: [usize; 3],
+        high: [usize; 3],
+        texels: &[u8],
+        channels: usize,
+    ) -> Result<(), RenderError> {
+        let size: [usize; 3] = std::array::from_fn(|axis| high[axis] - low[axis]);
+        assert_eq!(texels.len(), size.iter().product::<usize>() * channels, "size of a part of a volume");
+        let ([x, y, z], [width, height, depth]) = (low.map(|i| i as i32), size.map(|edge| edge as i32));
+        let format = if channels == 1 { glow::RED } else { glow::RGBA };
+        let (kind, pixels) = (glow::UNSIGNED_BYTE, PixelUnpackData::Slice(Some(texels)));
+        let gl = self.raw();
+        // SAFETY: the texture exists as long as its owner, and the slice has the size that is named (checked above).
+        unsafe {
+            gl.bind_texture(texture.target, Some(texture.texture.name));
+            gl.pixel_store_i32(glow::UNPACK_ALIGNMENT, 1);
+            gl.tex_sub_image_3d(texture.target, 0, x, y, z, width, height, depth, format, kind, pixels);
+            match gl.get_error() {
+                glow::NO_ERROR => Ok(()),
+                code => Err(RenderError::Gl(format!("a part of a texture cannot be stored (error 0x{code:04x})"))),
+            }
+        }
+    }
+
     /// A cube map of six squares, red, green, blue and alpha, the top row first: towards x, −x, y, −y, z, −z.
     pub(crate) fn cube_map(&self, size: u32, faces: &[Vec<u8>]) -> Result<Texture, RenderError> {
         let side = size as i32;

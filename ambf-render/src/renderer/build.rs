@@ -174,8 +174,10 @@ impl Resources {
         }
         for (id, volume) in visuals.volumes.entries() {
             let object = add(Source::Volume(id), &volume.object);
-            let Some(stack) = volume.description.images.as_ref().filter(|_| !volume.object.removed) else { continue };
-            let voxels = match self.volumes.load(gl, stack) {
+            // What of it cannot be read is in the load report.
+            let Some(grid) = volume.voxels.as_ref().filter(|_| !volume.object.removed) else { continue };
+            let grid = snapshot.voxels.get(id).and_then(Option::as_ref).unwrap_or(grid);
+            let voxels = match self.volumes.load(gl, grid) {
                 Ok(voxels) => voxels,
                 Err(error) => {
                     messages.push(format!("{}: {error}; the volume is not drawn", volume.object.identifier));
@@ -185,10 +187,10 @@ impl Resources {
             if volume.description.shaders.is_some() {
                 messages.push(format!("{}: shaders of a volume have no effect", volume.object.identifier));
             }
-            let size = volume.description.dimensions * volume.description.scale;
+            let size = grid.edges();
             let (request, local) = placed(&adf::Primitive::Box { size }, &Isometry3::identity());
             let look = volume.description.material.as_ref().map(Look::of_material);
-            let isosurface = Some(Isosurface::new(&voxels, &volume.description));
+            let isosurface = Some(Isosurface::new(&voxels, &volume.description, size.norm()));
             wanted.push(Wanted { object, request, local, look, program: None, isosurface });
         }
         let dark = visuals.lights.iter().filter(|light| !light.object.removed).skip(MAX_LIGHTS).count();

@@ -23,6 +23,7 @@ mod parameters;
 mod pool;
 mod tree;
 mod view;
+mod volumes;
 mod world;
 
 use pyo3::pymodule;

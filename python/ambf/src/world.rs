@@ -8,12 +8,13 @@ use std::time::{Duration, Instant};
 
 use ambf_core::adf::Launch;
 use ambf_core::bullet::{BodyKinematics, EnergyLedger, Preset, Ray, RayHit, RayTarget};
-use ambf_core::comm::{ActuatorCommand, HubIndex, ObjectKind, Snapshot};
+use ambf_core::comm::{ActuatorCommand, CarveCommand, HubIndex, ObjectKind, Snapshot};
 use ambf_core::control::Profile;
 use ambf_core::ids::{ActuatorId, BodyId, JointId, SensorId};
 use ambf_core::scene::{Body, JointCoupling, ParameterChange, PreparedModel, Scene, StateChange};
 use ambf_core::sim::{LostState, ModelError, Stepper, StepperState};
 use ambf_core::text;
+use ambf_core::volume::VoxelGrid;
 use ambf_render::camera_labels;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use numpy::{PyArray1, PyArrayMethods};
@@ -26,7 +27,7 @@ use crate::drawing::{self, Drawing, Moment};
 use crate::load::{self, Made, Wanted};
 use crate::tree::{self, Tree};
 use crate::view::Windows;
-use crate::{errors, names, parameters};
+use crate::{errors, names, parameters, volumes};
 
 /// How long the physics goes on before Python is asked whether it was interrupted.
 pub const SLICE: Duration = Duration::from_millis(100);
@@ -349,6 +350,11 @@ impl World {
             }
         })?;
         Ok((made, answer))
+    }
+
+    fn voxels_of(&self, py: Python<'_>, volume: usize) -> PyResult<Arc<VoxelGrid>> {
+        let found = self.with(py, |physics| volumes::shared(physics.stepper.simulation().scene(), volume))?;
+        found.map_err(|problem| volumes::error(&problem))
     }
 
     /// Bodies and joints in the order of the arrays.
@@ -829,6 +835,77 @@ impl World {
             found.map(|light| physics.stepper.place_light(light, &pose))
         })?
         .ok_or_else(|| no_such("light", light, 0))
+    }
+
+    /// Names of the volumes.
+    #[getter]
+    fn volumes(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        self.with(py, |physics| volumes::names(physics.stepper.simulation().scene()))
+    }
+
+    /// Size, spacing, pose in the world and labels of the volume at an index.
+    fn volume_info(&self, py: Python<'_>, volume: usize) -> PyResult<volumes::Info> {
+        let found = self.with(py, |physics| volumes::info(physics.stepper.simulation().scene(), volume))?;
+        found.map_err(|problem| volumes::error(&problem))
+    }
+
+    /// Cuts the volume at an index.
+    #[pyo3(signature = (volume, shape, rule, poses, in_world, voxels))]
+    #[allow(clippy::too_many_arguments, reason = "one call from Python")]
+    fn carve<'py>(
+        &self,
+        py: Python<'py>,
+        volume: usize,
+        shape: (String, Vec<f64>),
+        rule: (String, Vec<f64>),
+        poses: ([f64; 7], [f64; 7]),
+        in_world: bool,
+        voxels: Vec<[i64; 3]>,
+    ) -> PyResult<volumes::Cut<'py>> {
+        let command = CarveCommand {
+            shape: volumes::shape(&shape.0, &shape.1, voxels)?,
+            from: tree::pose_of(poses.0)?,
+            to: tree::pose_of(poses.1)?,
+            in_world,
+            rule: volumes::rule(&rule.0, &rule.1)?,
+        };
+        let carved = self.with(py, |physics| volumes::carve(physics, volume, &command))?;
+        volumes::cut(py, carved.map_err(|problem| volumes::error(&problem))?)
+    }
+
+    /// Densities and labels of the volume at an index.
+    fn voxels<'py>(&self, py: Python<'py>, volume: usize) -> PyResult<volumes::Voxels<'py>> {
+        volumes::voxels(py, &*self.voxels_of(py, volume)?)
+    }
+
+    /// Distances of points in the world to the volume at an index, or to one of its labels, and their gradients.
+    fn volume_distances<'py>(
+        &self,
+        py: Python<'py>,
+        volume: usize,
+        points: Vec<[f64; 3]>,
+        label: Option<u8>,
+        most: f64,
+    ) -> PyResult<Numbers<'py>> {
+        let found = self.with(py, |physics| {
+            volumes::distances(physics.stepper.simulation().scene(), volume, &points, label, most)
+        })?;
+        Ok(PyArray1::from_vec(py, found.map_err(|problem| volumes::error(&problem))?))
+    }
+
+    /// Writes the voxels of the volume at an index to files.
+    fn save_volume(&self, py: Python<'_>, volume: usize, path: PathBuf, prefix: &str) -> PyResult<()> {
+        let grid = self.voxels_of(py, volume)?;
+        py.detach(|| volumes::write(&grid, &path, prefix))
+    }
+
+    /// Gives the volume at an index the voxels of the start back.
+    fn restore_voxels(&self, py: Python<'_>, volume: usize) -> PyResult<()> {
+        let restored = self.with(py, |physics| {
+            let id = volumes::id(physics.stepper.simulation().scene(), volume)?;
+            physics.stepper.restore_voxels(id)
+        })?;
+        restored.map_err(|problem| volumes::error(&problem))
     }
 
     /// A world with the model, its name and what there is to say about it; this one is empty then.

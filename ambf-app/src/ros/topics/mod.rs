@@ -8,6 +8,7 @@ pub(super) mod rigid_body;
 pub(super) mod sensor;
 mod soft_body;
 mod vehicle;
+mod volume;
 mod world;
 
 use std::sync::Arc;

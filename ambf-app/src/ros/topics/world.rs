@@ -86,6 +86,7 @@ impl Builder<'_> {
         });
         self.diagnostics(name.clone());
         self.time_and_frames();
+        self.volumes(&name);
         let on_command = on_command(Arc::clone(&self.around.hub));
         let commanded = self.commanded(&name);
         self.subscribe(format!("{name}/Command"), move |message| {

@@ -16,6 +16,7 @@ use parking_lot::Mutex;
 use self::decompose::{decompose, Divided};
 use self::store::Store;
 use super::progress::{Part, Progress};
+use super::voxels::VoxelFiles;
 use crate::adf::{ConvexDecomposition, Severity};
 use crate::mesh::{enclosed_volume, has_holes, Mesh, MeshCache, SubMesh};
 
@@ -52,18 +53,20 @@ struct Key(u128);
 /// A mesh file, its scale, and how it is divided.
 pub(super) type WantedHulls = (PathBuf, f64, ConvexDecomposition);
 
-/// What collision shapes are made from.
+/// What collision shapes and volumes are made from.
 pub(super) struct CollisionMeshes {
     /// Mesh files.
     pub files: MeshCache,
     /// Convex hulls that stand for parts of them.
     pub hulls: HullCache,
+    /// Voxels of volumes.
+    pub voxels: VoxelFiles,
 }
 
 impl CollisionMeshes {
     /// Nothing is read yet.
     pub fn new() -> Self {
-        Self { files: MeshCache::new(), hulls: HullCache::new() }
+        Self { files: MeshCache::new(), hulls: HullCache::new(), voxels: VoxelFiles::default() }
     }
 }
 

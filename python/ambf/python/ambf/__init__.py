@@ -42,6 +42,7 @@ from .simulation import (
     step_all,
 )
 from .tree import Reached, Tree
+from .volumes import Carved, Label, Volume
 
 __all__ = [
     "EFFORT",
@@ -54,10 +55,12 @@ __all__ = [
     "Batch",
     "Body",
     "BusyError",
+    "Carved",
     "ClosedError",
     "Contacts",
     "Coupling",
     "InvalidCommand",
+    "Label",
     "LoadError",
     "NonFiniteError",
     "NotFoundError",
@@ -72,6 +75,7 @@ __all__ = [
     "Tree",
     "TreeError",
     "Viewer",
+    "Volume",
     "__version__",
     "resources",
     "step_all",

@@ -33,6 +33,7 @@ from .names import find as _find
 from .names import place
 from .parameters import PARAMETERS, parameter_array, split_parameters
 from .tree import Tree
+from .volumes import Volume
 
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int8]
@@ -328,6 +329,15 @@ class Simulation(Arrays):
         neither revolute nor prismatic nor fixed; NotFoundError, ClosedError, BusyError.
         """
         return Tree(self, _find(body, self.bodies, "bodies"))
+
+    @property
+    def volumes(self) -> Tuple[str, ...]:
+        """Names of the volumes."""
+        return tuple(self._world.volumes)
+
+    def volume(self, name: Union[str, int]) -> Volume:
+        """A volume by its name, or by a part of it that only it has. Raises NotFoundError."""
+        return Volume(self, name)
 
     def step(self, steps: int = 1) -> None:
         """Makes `steps` iterations under the commands of the arrays; 0 changes nothing.

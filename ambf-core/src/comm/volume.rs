@@ -1,0 +1,126 @@
+//! Cuts of volumes, on their way to the physics, and what became of them.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Arc;
+use std::time::{Instant, SystemTime};
+
+use ambf_volume::{Carved, Rule, Shape};
+use crossbeam_channel::{bounded, Receiver, Sender, TrySendError};
+use nalgebra::{Isometry3, Vector3};
+use parking_lot::Mutex;
+
+use crate::ids::VolumeId;
+
+/// Commands that may wait, and cuts that may wait for one who reads of them.
+const WAITING: usize = 1024;
+
+/// A cut: what a shape removes on its way.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CarveCommand {
+    /// What cuts.
+    pub shape: Shape,
+    /// Where it begins.
+    pub from: Isometry3<f64>,
+    /// Where it ends.
+    pub to: Isometry3<f64>,
+    /// Both poses are in the world; else in the volume's frame, whose origin is the centre of the box.
+    pub in_world: bool,
+    /// How much is removed.
+    pub rule: Rule,
+}
+
+/// What is done to a volume between two iterations. Each command counts, in order.
+#[derive(Debug, Clone, PartialEq)]
+pub enum VolumeCommand {
+    /// Voxels are removed.
+    Carve(CarveCommand),
+    /// The voxels of the start come back.
+    Restore,
+    /// A tool is switched, or gets another burr.
+    Tool {
+        /// Its place in the list of the volume's tools.
+        tool: usize,
+        /// Whether it cuts; `None`: as it is.
+        on: Option<bool>,
+        /// Radius of its tip, m; `None`: as it is.
+        radius: Option<f64>,
+    },
+}
+
+/// What a tool of a volume does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ToolReading {
+    /// Where the centre of its tip would be without the volume, m, world axes.
+    pub goal: Vector3<f64>,
+    /// Where the volume lets it be, m, world axes.
+    pub tip: Vector3<f64>,
+    /// On the body, at all of its balls, N, world axes.
+    pub force: Vector3<f64>,
+    /// Radius of its tip, m.
+    pub radius: f64,
+    /// Whether its tip touches.
+    pub is_touching: bool,
+    /// Whether it cuts what it touches.
+    pub is_on: bool,
+}
+
+/// A cut that was made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cut {
+    /// Of which volume.
+    pub volume: VolumeId,
+    /// As that of the snapshot of the same iteration.
+    pub stamp: SystemTime,
+    /// Simulated time, s.
+    pub sim_time: f64,
+    /// Iterations that stepped.
+    pub sim_step: u32,
+    /// What was removed; at least a voxel.
+    pub carved: Carved,
+}
+
+/// Commands of volumes that wait, and those who want to know of cuts.
+pub(super) struct Cuts {
+    waiting: (Sender<Order>, Receiver<Order>),
+    followers: Mutex<Vec<Sender<Arc<Cut>>>>,
+    has_followers: AtomicBool,
+}
+
+/// A command, to which volume, and when it came.
+pub(crate) type Order = (Instant, VolumeId, VolumeCommand);
+
+impl Default for Cuts {
+    fn default() -> Self {
+        Self { waiting: bounded(WAITING), followers: Mutex::default(), has_followers: AtomicBool::new(false) }
+    }
+}
+
+impl Cuts {
+    /// Leaves a command; `false`: there is no room for it.
+    pub fn post(&self, volume: VolumeId, command: VolumeCommand) -> bool {
+        self.waiting.0.try_send((Instant::now(), volume, command)).is_ok()
+    }
+
+    pub fn take(&self) -> Option<Order> {
+        self.waiting.1.try_recv().ok()
+    }
+
+    pub fn follow(&self) -> Receiver<Arc<Cut>> {
+        let (sender, receiver) = bounded(WAITING);
+        self.followers.lock().push(sender);
+        self.has_followers.store(true, Ordering::Release);
+        receiver
+    }
+
+    pub fn has_followers(&self) -> bool {
+        self.has_followers.load(Ordering::Acquire)
+    }
+
+    /// Tells of a cut. Who does not read for so long that there is no room misses it.
+    pub fn tell(&self, cut: Cut) {
+        let cut = Arc::new(cut);
+        let mut followers = self.followers.lock();
+        followers.retain(|follower| !matches!(follower.try_send(Arc::clone(&cut)), Err(TrySendError::Disconnected(_))));
+        self.has_followers.store(!followers.is_empty(), Ordering::Release);
+    }
+}
