@@ -19,7 +19,7 @@ from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tu
 import ambf
 import numpy as np
 
-from .arms import FINGERS, LOWER, UPPER, Array, about, forward, inverse, matrix_of
+from .arms import LOWER, UPPER, Array, about, forward, inverse, matrix_of, unlimited
 from .board import SYMMETRIC, Board
 from .referee import Pose, Referee, Score
 from .seeds import draw
@@ -44,6 +44,8 @@ TURNS = (0.0, 0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
 """By how much a block may be turned on a way, rad."""
 SPEED, TURN = 0.05, 1.2
 """m/s, rad/s."""
+SLOW = 0.01
+"""Joints that are slower stand still, rad/s and m/s."""
 TICK = 0.01
 """Set points follow each other in such intervals, s."""
 
@@ -97,23 +99,42 @@ GRIPS = [Grip(wall, turned) for wall in range(3) for turned in (False, True)]
 
 
 class Arm:
-    """One arm: what it is told, and where it is."""
+    """One arm through its CRTK topics: what it is told, and where it is.
+
+    Errors of its first joints are seen by the tool's State, as a camera would see them, and taken off what it is told.
+    """
 
     def __init__(self, simulation: ambf.Simulation, name: str) -> None:
         self.name = name
+        self._client = simulation.arm(name)
         self._base = simulation.body(f"{name}/baselink")
         self._tool = simulation.body(f"{name}/toolyawlink")
-        base = place_of(self._base.pose)
-        self._world = base.inverse()
-        self.base = base
-        self._base.joint_kinds[:] = ambf.POSITION
-        self.goal = np.array([0.0, 0.0, 0.03, 0.0, 0.0, 0.0])
+        self.base = place_of(self._base.pose)
+        self._world = self.base.inverse()
+        self.goal: Array = np.array([0.0, 0.0, 0.03, 0.0, 0.0, 0.0])
+        self.errors: Array = np.zeros(6)
         self.jaw = OPEN
         self.send()
 
     def send(self) -> None:
-        """Puts the set points in force."""
-        self._base.joint_commands[:] = [*self.goal, *([self.jaw] * len(FINGERS))]
+        """Publishes the set points."""
+        self._client.send("servo_jp", self.goal - self.errors)
+        self._client.send("jaw/servo_jp", [self.jaw])
+
+    def look(self) -> None:
+        """Compares what the joints say with where the tool is, while they are slow: States are an iteration older."""
+        joints = self._client.joints("measured_js")
+        if np.abs(joints.velocity).max() > SLOW:
+            return
+        seen = self._world.times(self.tool)
+        q = unlimited(seen.position, seen.axes)
+        if q is not None:
+            self.errors[:3] = (q - joints.position)[:3]
+
+    @property
+    def measured(self) -> Array:
+        """What the joints say, rad and m."""
+        return self._client.joints("measured_js").position
 
     def solve(self, tool: Place) -> Optional[Array]:
         """Joints for a place of the tool; None: out of reach, or beyond limits."""
@@ -138,7 +159,7 @@ class Arm:
     @property
     def lag(self) -> float:
         """How far the worst of the joints is from its set point, rad or m."""
-        return float(np.abs(self._base.joint_positions[:6] - self.goal).max())
+        return float(np.abs(self.measured + self.errors - self.goal).max())
 
 
 class Player:
@@ -161,6 +182,8 @@ class Player:
         for arm in self.arms.values():
             arm.send()
         self.simulation.step(self._steps)
+        for arm in self.arms.values():
+            arm.look()
 
         def pose(array: Array) -> Pose:
             values = array.tolist()
@@ -425,15 +448,27 @@ def _rotated(vector: Array) -> Array:
 
 
 def scene(
-    resources: Path, seed: Optional[int], profile: str = "accurate", step: float = 0.005, ghosts: bool = False
+    resources: Path,
+    seed: Optional[int],
+    profile: str = "accurate",
+    step: float = 0.005,
+    ghosts: bool = False,
+    errors: bool = False,
 ) -> ambf.Simulation:
-    """The scene, with the blocks where the seed puts them. Without `ghosts`, which take the weight of what is between jaws, friction
-    alone holds the blocks.
+    """The scene, with its arms for CRTK clients and the blocks where the seed puts them. Without `ghosts`, which take the weight of
+    what is between jaws, friction alone holds the blocks. `errors`: joints have the errors of the seed, too.
     """
     folder = resources / "peg_transfer"
     models = [0, 1, 2, 3, 4, 5] if ghosts else [0, 1, 2, 4]
-    simulation = ambf.Simulation(launch_file=folder / "launch.yaml", indexes=models, profile=profile, step=step)
-    if seed is not None:
+    simulation = ambf.Simulation(
+        launch_file=folder / "launch.yaml",
+        indexes=models,
+        profile=profile,
+        step=step,
+        crtk=[folder / "crtk.yaml"],
+        seed=seed if errors else None,
+    )
+    if seed is not None and not errors:
         place_blocks(simulation, seed)
     return simulation
 
