@@ -60,7 +60,9 @@ def grip(bound: float) -> Scene:
         pad = Shape("box", PAD, (sign * PAD_AT[0], 0.0, PAD_AT[1]))
         finger = Body(side, 1.0, (4e-4, 4e-4, 4e-4), [pad], (0.0, 0.0, hinge), turned((0.0, 1.0, 0.0), -sign * OPEN))
         bodies.append(finger)
-        joints.append(Joint(f"{side} jaw", "revolute", "hand", side, (0.0, 0.0, hinge), (0.0, -sign, 0.0), effort=bound))
+        joints.append(
+            Joint(f"{side} jaw", "revolute", "hand", side, (0.0, 0.0, hinge), (0.0, -sign, 0.0), effort=bound)
+        )
     wall, foot = Shape("box", WALL, (0.0, 0.0, FOOT[2] / 2)), Shape("box", FOOT, (0.0, 0.0, -WALL[2] / 2))
     whole = (FOOT[0], FOOT[1], WALL[2] + FOOT[2])
     bodies.append(Body("block", MASS, box_inertia(MASS, whole), [wall, foot], (0.0, 0.0, whole[2] / 2)))

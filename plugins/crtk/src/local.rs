@@ -13,8 +13,12 @@ use crate::plugin::SEED_TOPIC;
 use crate::serve::Face;
 use crate::topics::{Carries, Input, Output, Topic};
 
-/// An arm as clients of this process reach it.
+/// A set of topics of an arm as clients of this process reach it.
 pub(crate) struct End {
+    /// Place of the arm in the status.
+    pub arm: usize,
+    /// Name space.
+    pub space: String,
     pub model: Arc<ArmModel>,
     pub topics: Vec<Topic>,
     pub outbox: Arc<Outbox>,
@@ -63,11 +67,8 @@ impl Board {
     /// Topics of all arms, those that clients read and those that they send, in the order in which arms were offered, each with
     /// the name space of its arm.
     pub fn topics(&self) -> Vec<(String, Topic)> {
-        let of_arm = |((space, _), end): (&(String, f64), &End)| {
-            end.topics.iter().map(|topic| (space.clone(), topic.clone())).collect::<Vec<_>>()
-        };
-        let all = self.shown();
-        all.iter().flat_map(|shown| shown.arms.iter().zip(&shown.ends)).flat_map(of_arm).collect()
+        let of_end = |end: &End| end.topics.iter().map(|topic| (end.space.clone(), topic.clone())).collect::<Vec<_>>();
+        self.shown().iter().flat_map(|shown| &shown.ends).flat_map(of_end).collect()
     }
 
     /// Sends a message to an arm: it acts in the next step. What an arm refuses it says as over ROS.
@@ -106,14 +107,14 @@ impl Board {
     /// [`LocalError::NoTopic`].
     pub fn read(&self, topic: &str) -> Result<Option<Message>, LocalError> {
         for shown in self.shown() {
-            for (index, end) in shown.ends.iter().enumerate() {
+            for end in &shown.ends {
                 for Topic { name, carries, .. } in &end.topics {
                     let Carries::Out(output) = *carries else { continue };
                     if name != topic || !is_readable(output) {
                         continue;
                     }
                     let status = shown.status.load_full();
-                    let own = status.as_ref().and_then(|status| Some((status.sim_time, status.arms.get(index)?)));
+                    let own = status.as_ref().and_then(|status| Some((status.sim_time, status.arms.get(end.arm)?)));
                     return Ok(own.and_then(|(stamp, arm)| {
                         let face = Face { model: Arc::clone(&end.model), reference: arm.reference_name };
                         face.message(output, arm, arm.reading.as_ref()?, stamp)

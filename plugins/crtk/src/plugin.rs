@@ -13,7 +13,7 @@ use ambf_plugin::{
 use crossbeam_channel::{bounded, Receiver, Sender};
 
 use crate::arm::{Arm, Dialect, Event};
-use crate::bind::{bind, look_up, Binding, Moving, Reading};
+use crate::bind::{self, bind, look_up, Binding, Moving, Reading};
 use crate::config::{self, ArmConfig, ClockKind, ConfigError, Configuration, Kind};
 use crate::diagnostics::{Board, Shown};
 use crate::exchange::{commands, ArmStatus, Inbox, Status};
@@ -246,17 +246,23 @@ impl Running {
             let (outbox, inbox) = commands();
             let tool_type = config.tool.as_ref().and_then(|tool| tool.instrument.clone());
             let has_tool = config.tool.is_some();
-            let texts = Texts { info: binding.notes.clone(), tool_type };
             let extras =
-                Extras { dvrk: config.extras, tool_type: texts.tool_type.is_some(), gripper: config.kind == Kind::Mtm };
-            let mut topics = fitting(topics(&model, &config.space, extras), config);
-            if !config.errors.is_empty() {
-                topics.push(input(&binding.errors_topic, MessageType::Channel, Input::JointErrors));
+                Extras { dvrk: config.extras, tool_type: tool_type.is_some(), gripper: config.kind == Kind::Mtm };
+            let own = (Arc::clone(&model), config.space.clone(), config.rate);
+            let further = config.also.iter().map(|also| {
+                let model = Arc::new(bind::further(&model, config, also));
+                (model, also.space.clone(), also.rate)
+            });
+            for (model, space, rate) in std::iter::once(own).chain(further) {
+                let mut topics = fitting(topics(&model, &space, extras), config);
+                if !config.errors.is_empty() && space == config.space {
+                    topics.push(input(&binding.errors_topic, MessageType::Channel, Input::JointErrors));
+                }
+                let texts = Texts { info: binding.notes.clone(), tool_type: tool_type.clone() };
+                let open = Offered::open((&model, &topics), (rate, config.clock), texts, &outbox, &mut transports);
+                offered.push((arms.len(), open.map_err(|error| error.to_string())?));
+                ends.push(End { arm: arms.len(), space, model, topics, outbox: Arc::clone(&outbox) });
             }
-            let served = (config.rate, config.clock);
-            let open = Offered::open((&model, &topics), served, texts, &outbox, &mut transports);
-            offered.push(open.map_err(|error| error.to_string())?);
-            ends.push(End { model: Arc::clone(&model), topics, outbox: Arc::clone(&outbox) });
             if config.extras || model.dialect == Dialect::Dvrk {
                 for service in services(&config.space, has_tool) {
                     let answer = answers(service.query, &model, arms.len(), &slot);

@@ -367,8 +367,8 @@ pub fn command(model: &ArmModel, input: Input, bytes: &[u8]) -> Command {
 
 /// The thread that publishes: states when they are due, events at once.
 pub struct Publisher {
-    /// Arms, in the order of the configuration; `None`: not offered.
-    pub arms: Vec<Offered>,
+    /// Sets of topics, each with the place of its arm in the status; an arm may have several.
+    pub arms: Vec<(usize, Offered)>,
     /// Newest status.
     pub status: Arc<SnapshotSlot<Status>>,
     /// Events: which arm, what. It ends when nobody can send any more.
@@ -407,10 +407,11 @@ impl Publisher {
     /// Publishes until the events end.
     pub fn run(mut self) {
         loop {
-            let due = self.arms.iter().map(|arm| arm.due).min().unwrap_or_else(|| Instant::now() + PAUSED);
+            let due = self.arms.iter().map(|(_, arm)| arm.due).min().unwrap_or_else(|| Instant::now() + PAUSED);
             match self.events.recv_deadline(due) {
                 Ok((arm, event)) => {
-                    if let Some(offered) = self.arms.get_mut(arm) {
+                    for (_, offered) in self.arms.iter_mut().filter(|(owner, _)| *owner == arm) {
+                        // Each arm and reason is said once, by the first of its names.
                         self.told.tell(arm, &offered.face.model.name, &event);
                         offered.tell(&event);
                     }
@@ -432,7 +433,7 @@ impl Publisher {
             let clock = Message::Clock(status.sim_time);
             self.clock.iter().filter(|sender| sender.has_receivers()).for_each(|sender| sender.send(&clock));
         }
-        for (index, arm) in self.arms.iter_mut().enumerate().filter(|(_, arm)| arm.due <= now) {
+        for (index, arm) in self.arms.iter_mut().filter(|(_, arm)| arm.due <= now) {
             arm.due += arm.period;
             if arm.due < now {
                 // What was missed is not made up for.
@@ -448,7 +449,7 @@ impl Publisher {
                 (ClockKind::Sim, false) => status.sim_time,
                 (ClockKind::Sim, true) => 0,
             };
-            if let Some(own) = status.arms.get(index) {
+            if let Some(own) = status.arms.get(*index) {
                 arm.publish(own, stamp);
                 arm.tell_statistics(&status.statistics, stamp);
             }

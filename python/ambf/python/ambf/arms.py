@@ -119,7 +119,9 @@ class Arm:
         """`read`, where it is joints or a jaw. Raises NotFoundError otherwise, and before the first step."""
         message = self.read(topic)
         if not isinstance(message, Joints):
-            raise NotFoundError(f"{self.name}/{topic}: no joints are there to be read; step first, or read another topic")
+            raise NotFoundError(
+                f"{self.name}/{topic}: no joints are there to be read; step first, or read another topic"
+            )
         return message
 
     def cartesian(self, topic: str) -> Cartesian:

@@ -9,10 +9,12 @@ It needs NumPy and the package `ambf`.
 from __future__ import annotations
 
 import argparse
+import concurrent.futures
 import functools
 import itertools
 import json
 import math
+import multiprocessing
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
@@ -46,6 +48,8 @@ SPEED, TURN = 0.05, 1.2
 """m/s, rad/s."""
 SLOW = 0.01
 """Joints that are slower stand still, rad/s and m/s."""
+MARKS = ("<!-- player: begin -->\n", "<!-- player: end -->\n")
+"""Between these a page has the table of runs."""
 TICK = 0.01
 """Set points follow each other in such intervals, s."""
 
@@ -488,25 +492,68 @@ def place_blocks(simulation: ambf.Simulation, seed: int, board: Board = SYMMETRI
     simulation.set_state(poses=poses)
 
 
-def main(arguments: Optional[Sequence[str]] = None) -> None:
-    """Plays runs with several seeds, and prints a line of JSON for each."""
+def run(seed: int, options: argparse.Namespace) -> Score:
+    """A run with a seed."""
     from ambf_gym.scene import resources
 
-    parser = argparse.ArgumentParser(description="Plays the peg transfer by a script, in this process.")
+    simulation = scene(resources(), seed, options.profile, options.step, options.ghosts, options.errors)
+    score = Player(simulation, options.step).play(options.ways, options.verbose)
+    simulation.close()
+    return score
+
+
+def table(rows: Dict[str, List[Score]], most: int) -> str:
+    """Runs with many seeds; a row for each kind of them. `most`: points that there are."""
+    points = range(most, -1, -1)
+    head = (
+        f"| | runs | {' | '.join(f'{count} points' for count in points)} | last point, median, s | drops | hand-offs |"
+    )
+    lines = [head, "|---|--:" + "|--:" * (most + 4) + "|"]
+    for name, scores in rows.items():
+        counts = [sum(score.points == count for score in scores) for count in points]
+        times = [score.last_point for score in scores if score.points == most]
+        last = f"{np.median(times):.0f}" if times else "–"
+        sums = sum(score.drops for score in scores), sum(score.hand_offs for score in scores)
+        lines.append(f"| {name} | {len(scores)} | {' | '.join(map(str, counts))} | {last} | {sums[0]} | {sums[1]} |")
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> None:
+    """Plays runs with several seeds; prints a line of JSON for each and, with --table, how many have which points."""
+    parser = argparse.ArgumentParser(description="Plays the peg transfer by a script through CRTK, in this process.")
     parser.add_argument("--seeds", type=int, default=10, help="how many runs, with the seeds 0, 1, … [10]")
     parser.add_argument("--first", type=int, default=0, help="the first seed [0]")
     parser.add_argument("--ways", type=int, default=2, help="ways over and back [2]")
     parser.add_argument("--profile", default="accurate")
     parser.add_argument("--step", type=float, default=0.005, help="interval of an iteration, s [0.005]")
     parser.add_argument("--ghosts", action="store_true", help="load the ghosts of the fingers, too")
+    parser.add_argument("--errors", action="store_true", help="joints have the errors of the seed")
     parser.add_argument("--verbose", action="store_true", help="say how it goes")
+    parser.add_argument("--table", action="store_true", help="in the end a table: how many runs have how many points")
+    parser.add_argument(
+        "--page", type=Path, help="write the table, of runs without and with errors, between the markers of this file"
+    )
+    parser.add_argument("--jobs", type=int, default=1, help="runs at once, in processes [1]")
     options = parser.parse_args(arguments)
-    for seed in range(options.first, options.first + options.seeds):
-        simulation = scene(resources(), seed, options.profile, options.step, options.ghosts)
-        player = Player(simulation, options.step)
-        score = player.play(options.ways, options.verbose)
-        print(json.dumps({"seed": seed, **score.as_dict()}), flush=True)
-        simulation.close()
+    seeds = range(options.first, options.first + options.seeds)
+    kinds = [False, True] if options.page else [options.errors]
+    rows: Dict[str, List[Score]] = {}
+    with concurrent.futures.ProcessPoolExecutor(options.jobs, multiprocessing.get_context("spawn")) as pool:
+        for errors in kinds:
+            own = argparse.Namespace(**{**vars(options), "errors": errors})
+            scores = pool.map(run, seeds, itertools.repeat(own)) if options.jobs > 1 else (run(s, own) for s in seeds)
+            name = "joints with errors" if errors else "joints without errors"
+            rows[name] = []
+            for seed, score in zip(seeds, scores):
+                print(json.dumps({"seed": seed, "errors": errors, **score.as_dict()}), flush=True)
+                rows[name].append(score)
+    text = table(rows, 2 * options.ways)
+    if options.table or options.page:
+        print(text)
+    if options.page:
+        page = options.page.read_text()
+        before, _, rest = page.partition(MARKS[0])
+        options.page.write_text(before + MARKS[0] + text + MARKS[1] + rest.partition(MARKS[1])[2])
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ class Rules:
     """A ring that has come so far along the wire is there, m."""
     touch: float = 0.0001
     """Surfaces that are nearer than this touch, m; a touch ends at twice that."""
-    lost: float = 0.02
+    lost: float = 0.01
     """A ring whose middle is further from the tool's yaw link than it is when it is held, by this, was dropped, m."""
 
 

@@ -56,7 +56,7 @@ def tool_of(ring: Frame) -> Frame:
     return Frame(ring.position + HUB * out, np.column_stack((axis, out, np.cross(axis, out))))
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def base(arm: str) -> Frame:
     """Frame of an arm's base."""
     position, (roll, pitch, yaw) = BASES[arm]
@@ -118,7 +118,7 @@ class Ways:
         return np.array(turns)
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def ways(arm: str = "psm1") -> Ways:
     """By dynamic programming from the end: little turning, far from the joints' limits."""
     alongs = np.linspace(wire.START, wire.LENGTH - wire.GOAL, STATIONS)

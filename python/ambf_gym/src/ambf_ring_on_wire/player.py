@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 from pathlib import Path
 from typing import List, Optional, Sequence
 
 import ambf
 import numpy as np
-from ambf_peg_transfer.arms import Array, quaternion_of
+from ambf_peg_transfer.arms import quaternion_of
 from ambf_peg_transfer.player import TICK, Arm, Failed, Place, place_of
 
 from . import plan, wire

@@ -219,4 +219,3 @@ def make_peg_transfer_vec(num_envs: int = 1, reward: str = "shaped", **options: 
     """`num_envs` environments `ambf/PegTransfer-v0`, with the same options but for the goal form."""
     _, make = makers("PegTransfer", SCENE, task(is_shaped(reward)))
     return make(num_envs, **options)
-
