@@ -157,7 +157,7 @@ fn command(model: &ArmModel, input: Input, topic: &str, sent: &Sent) -> Result<C
         } = numbers.clone();
         message
     };
-    let pose = || {
+    let pose = || -> Result<PoseMessage, LocalError> {
         let [x, y, z, a, b, c, d] = fixed(topic, sent)?;
         Ok(PoseMessage { frame: text.clone(), position: [x, y, z], orientation: [a, b, c, d] })
     };

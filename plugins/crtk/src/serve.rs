@@ -10,8 +10,8 @@ use crossbeam_channel::{Receiver, RecvTimeoutError};
 use nalgebra::{Isometry3, Vector6};
 
 use crate::arm::{
-    refused, wrench_of, ArmModel, Command, Dialect, Drive, Event, FrameName, JointMessage, Level, OperatingState, RatioOf, Ratios,
-    Refusal, WrenchFrame,
+    refused, wrench_of, ArmModel, Command, Dialect, Drive, Event, FrameName, JointMessage, Level, OperatingState,
+    RatioOf, Ratios, Refusal, WrenchFrame,
 };
 use crate::bind::{Moving, Reading};
 use crate::config::ClockKind;
