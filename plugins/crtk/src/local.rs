@@ -85,7 +85,9 @@ impl Board {
             let mut takers = all.iter().filter_map(|shown| shown.seeds.as_ref()).peekable();
             if takers.peek().is_some() {
                 // More seeds in one step than anybody looks at: any of them is one that was sent.
-                takers.for_each(|seeds| drop(seeds.try_send(number as u64)));
+                for seeds in takers {
+                    let _ = seeds.try_send(number as u64);
+                }
                 return Ok(());
             }
         }
