@@ -3,10 +3,11 @@
 import unittest
 import warnings
 
+import ambf
 import ambf_gym
 import gymnasium
 import numpy as np
-from ambf_gym import InvalidDescription
+from ambf_gym import InvalidDescription, Pixels
 from ambf_gym.tasks import peg_transfer
 from ambf_peg_transfer import SYMMETRIC
 from gymnasium.utils.env_checker import check_env
@@ -119,6 +120,29 @@ class Environment(unittest.TestCase):
     def peg_at(self, place):
         """Its name."""
         return min(SYMMETRIC.pegs, key=lambda peg: np.hypot(*(np.array(SYMMETRIC.pegs[peg]) - place[:2])))
+
+    def test_pictures_can_be_observed(self):
+        """Of both cameras, in one environment and in many; red and blue are in them."""
+        eyes = [Pixels(camera=f"stereo/{side}", width=160, height=120, name=side) for side in ("left", "right")]
+        env = make(pixels=eyes)
+        try:
+            observation, _ = env.reset(seed=3)
+        except ambf.RenderError as error:
+            self.skipTest(f"nothing can be drawn: {error}")
+        self.assertTrue(env.observation_space.contains(observation))
+        for side in ("left", "right"):
+            rgb = observation[side].astype(int)
+            self.assertEqual(rgb.shape, (120, 160, 3))
+            for own, other in ((0, 2), (2, 0)):
+                coloured = (rgb[..., own] > 1.5 * rgb[..., other] + 20).sum()
+                self.assertGreater(coloured, 20, (side, own))
+        self.assertFalse(np.array_equal(observation["left"], observation["right"]))
+        many = gymnasium.make_vec(NAME, num_envs=2, backend="process", pixels=eyes)
+        observations, _ = many.reset(seed=3)
+        np.testing.assert_array_equal(observations["left"][0], observation["left"])
+        self.assertFalse(np.array_equal(observations["left"][0], observations["left"][1]))
+        env.close()
+        many.close()
 
     def test_three_minutes_are_an_episode(self):
         """By default."""

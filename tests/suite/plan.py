@@ -142,7 +142,7 @@ def python_tests(module):
     variables = shown(module)
     python = variables["AMBF_PYTHON"]
     sources = [f"{package}/{'python' if package == 'ambf' else 'src'}/{package}" for package in PACKAGES]
-    sources.append("ambf_gym/src/ambf_peg_transfer")
+    sources += [f"ambf_gym/src/{package}" for package in ("ambf_peg_transfer", "ambf_ring_on_wire")]
     folder, ruff = ROOT / "python", (python, "-m", "ruff")
     suite = ("--config", "python/ruff.toml", "tests/suite", "tests/domains.py")
     jobs = [

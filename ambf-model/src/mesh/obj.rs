@@ -277,6 +277,16 @@ fn parse(path: &Path, text: &str, files: &Files, mut details: Option<&mut Detail
                     let message = format!("material {} is not in the library; the one before stays", quoted(rest));
                     details.warnings.add(path, Position::Line(line), message);
                 }
+                // Said once for the file.
+                (None, Some(details)) if libraries.is_empty() && unknown_materials.is_empty() => {
+                    unknown_materials.insert(rest.to_owned());
+                    let message = format!(
+                        "material {} is asked for, but no line `mtllib FILE` before names a library; faces of all materials \
+                         are one part, which as a convex hull has no holes",
+                        quoted(rest)
+                    );
+                    details.warnings.add(path, Position::Line(line), message);
+                }
                 _ => {}
             },
             _ => {}

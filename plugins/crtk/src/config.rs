@@ -152,6 +152,21 @@ pub struct ToolConfig {
     pub instrument: Option<String>,
 }
 
+/// Further topics of an arm, for clients that expect other names.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AlsoConfig {
+    /// Name.
+    pub name: String,
+    /// Beginning of its topics.
+    pub space: String,
+    /// How it speaks.
+    pub dialect: Dialect,
+    /// Names of the joints on the wire.
+    pub names: Vec<String>,
+    /// Publications a second.
+    pub rate: f64,
+}
+
 /// An entry.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArmConfig {
@@ -203,6 +218,8 @@ pub struct ArmConfig {
     pub errors: Vec<f64>,
     /// How it is offered over UDP.
     pub socket: Option<SocketConfig>,
+    /// Further topics, for clients that expect other names.
+    pub also: Vec<AlsoConfig>,
     /// Without joints: the body that a virtual endoscope arm moves.
     pub body: Option<String>,
     /// Where it is written.
@@ -220,6 +237,7 @@ pub struct Configuration {
 
 const KEYS: &[&str] = &[
     "accelerations",
+    "also",
     "base",
     "clock",
     "coupling",
@@ -298,8 +316,11 @@ fn arms(list: Entry<'_>, directory: &Path) -> Result<Vec<ArmConfig>, ConfigError
 fn check_names(arms: &[ArmConfig]) -> Result<(), ConfigError> {
     let mut seen = BTreeSet::new();
     for arm in arms {
-        if !seen.insert(&arm.space) {
-            return Err(ConfigError::Duplicate { place: arm.source.clone(), name: arm.name.clone() });
+        let further = arm.also.iter().map(|also| (&also.space, &also.name));
+        for (space, name) in std::iter::once((&arm.space, &arm.name)).chain(further) {
+            if !seen.insert(space) {
+                return Err(ConfigError::Duplicate { place: arm.source.clone(), name: name.clone() });
+            }
         }
     }
     Ok(())
@@ -311,13 +332,49 @@ fn is_name(text: &str) -> bool {
     text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '/') && text.split('/').all(is_part)
 }
 
-fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
-    let map = Map::new(entry);
-    map.only(KEYS)?;
+const DIALECTS: [(&str, Dialect); 4] =
+    [("contract", Dialect::Contract), ("dvrk", Dialect::Dvrk), ("src", Dialect::Src), ("plugin", Dialect::Plugin)];
+
+/// `name`, and the beginning of the topics with `prefix`.
+fn names_of_topics(map: &Map<'_>) -> Result<(String, String), ConfigError> {
     let name = map.needed_text("name", "a name such as PSM1")?.to_owned();
     if !is_name(&name) {
         return Err(map.wrong("name", "letters, digits and _, beginning with a letter"));
     }
+    let prefix = map.text("prefix").unwrap_or("").trim_matches('/').to_owned();
+    if !prefix.is_empty() && !is_name(&prefix) {
+        return Err(map.wrong("prefix", "a name space such as /CRTK"));
+    }
+    let space = if prefix.is_empty() { format!("/{name}") } else { format!("/{prefix}/{name}") };
+    Ok((name, space))
+}
+
+/// `own`: names of the joints in the scene; `names`: those that the arm has on the wire.
+fn also(map: &Map<'_>, kind: Kind, own: &[String], names: &[String]) -> Result<Vec<AlsoConfig>, ConfigError> {
+    let Some(list) = map.get("also") else { return Ok(Vec::new()) };
+    let further = |entry: Entry<'_>| {
+        let map = Map::new(entry);
+        map.only(&["dialect", "name", "prefix", "rate"])?;
+        let (name, space) = names_of_topics(&map)?;
+        let dialect = map.choice("dialect", &DIALECTS)?.unwrap_or_default();
+        let rate = map.number("rate")?.unwrap_or(Defaults::of(kind, dialect).rate);
+        if !(1.0..=1000.0).contains(&rate) {
+            return Err(map.wrong("rate", "1 to 1000 a second"));
+        }
+        let names = if dialect == Dialect::Src { own } else { names }.to_vec();
+        Ok(AlsoConfig { name, space, dialect, names, rate })
+    };
+    let all: Vec<AlsoConfig> = list.items().map(further).collect::<Result<_, _>>()?;
+    if all.is_empty() {
+        return Err(map.wrong("also", "a list of {name, prefix, dialect, rate}"));
+    }
+    Ok(all)
+}
+
+fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
+    let map = Map::new(entry);
+    map.only(KEYS)?;
+    let (name, space) = names_of_topics(&map)?;
     let kinds = [
         ("psm", Kind::Psm),
         ("ecm", Kind::Ecm),
@@ -326,9 +383,7 @@ fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
         ("object", Kind::Object),
     ];
     let kind = map.choice("kind", &kinds)?.unwrap_or(Kind::Generic);
-    let dialects =
-        [("contract", Dialect::Contract), ("dvrk", Dialect::Dvrk), ("src", Dialect::Src), ("plugin", Dialect::Plugin)];
-    let dialect = map.choice("dialect", &dialects)?.unwrap_or_default();
+    let dialect = map.choice("dialect", &DIALECTS)?.unwrap_or_default();
     let defaults = Defaults::of(kind, dialect);
     let described = map.text("robot_file").map(|path| Described::load(&directory.join(path))).transpose()?;
     let described = described.unwrap_or_default();
@@ -352,15 +407,10 @@ fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
     // The challenge's interface has the scene's names.
     let by_kind = (defaults.names.len() == count && dialect != Dialect::Src)
         .then(|| defaults.names.iter().map(|&name| name.into()).collect());
-    let names = map.texts("names")?.or(named).or(by_kind).unwrap_or(own_names);
+    let names = map.texts("names")?.or(named).or(by_kind).unwrap_or_else(|| own_names.clone());
     if names.len() != count {
         return Err(map.wrong("names", &format!("{count} names, one a joint")));
     }
-    let prefix = map.text("prefix").unwrap_or("").trim_matches('/').to_owned();
-    if !prefix.is_empty() && !is_name(&prefix) {
-        return Err(map.wrong("prefix", "a name space such as /CRTK"));
-    }
-    let space = if prefix.is_empty() { format!("/{name}") } else { format!("/{prefix}/{name}") };
     let limits = limits(&map, count)?.or(described.limits);
     let numbers = |key: &str, usual: Vec<f64>| {
         let list = map.numbers(key, count)?;
@@ -421,6 +471,7 @@ fn arm(entry: Entry<'_>, directory: &Path) -> Result<ArmConfig, ConfigError> {
         extras: map.boolean("extras")?.unwrap_or(false),
         errors,
         socket: socket(&map, kind)?,
+        also: also(&map, kind, &own_names, &names)?,
         body: is_virtual.then(|| map.text("body").unwrap_or_default().to_owned()),
         source: entry.source(),
         name,

@@ -3,10 +3,12 @@
 use std::sync::{Arc, Weak};
 
 use ambf_plugin::SnapshotSlot;
+use crossbeam_channel::Sender;
 use parking_lot::Mutex;
 
 use crate::arm::State;
 use crate::exchange::{ArmStatus, Status};
+use crate::local::End;
 use crate::serve::{wall_time, PAUSED};
 
 /// How serious it is; the numbers are those of `diagnostic_msgs/DiagnosticStatus`.
@@ -39,25 +41,42 @@ pub(crate) struct Shown {
     /// Name space and publications a second of each.
     pub arms: Vec<(String, f64)>,
     pub status: Arc<SnapshotSlot<Status>>,
+    /// What clients of this process may ask and command: [`crate::local`].
+    pub ends: Vec<End>,
+    /// Takes the seed of a run, where something is drawn.
+    pub seeds: Option<Sender<u64>>,
 }
 
 /// Where all arms of a program are found; clones are the same board.
 #[derive(Clone, Default)]
-pub struct Board(Arc<Mutex<Vec<Weak<Shown>>>>);
+pub struct Board {
+    all: Arc<Mutex<Vec<Weak<Shown>>>>,
+    /// Clients are in this process, so that arms without a middleware are nothing to be told.
+    pub(crate) is_local: bool,
+}
 
 impl Board {
+    /// A board for clients of this process: [`crate::local`].
+    pub fn local() -> Self {
+        Self { is_local: true, ..Self::default() }
+    }
+
     /// Shows arms until `shown` is dropped.
     pub(crate) fn add(&self, shown: &Arc<Shown>) {
-        let mut all = self.0.lock();
+        let mut all = self.all.lock();
         all.retain(|other| other.strong_count() > 0);
         all.push(Arc::downgrade(shown));
     }
 
+    /// What is there now.
+    pub(crate) fn shown(&self) -> Vec<Arc<Shown>> {
+        self.all.lock().iter().filter_map(Weak::upgrade).collect()
+    }
+
     /// The present status of each arm, in the order in which they were offered.
     pub fn statuses(&self) -> Vec<ArmDiagnostic> {
-        let all: Vec<Arc<Shown>> = self.0.lock().iter().filter_map(Weak::upgrade).collect();
         let now = wall_time();
-        all.iter().flat_map(|shown| shown.diagnose(now)).collect()
+        self.shown().iter().flat_map(|shown| shown.diagnose(now)).collect()
     }
 }
 

@@ -14,6 +14,7 @@
 //! | [`exchange`], [`serve`] | commands and states between threads; the thread that publishes |
 //! | [`bind`], [`grasp`], [`plugin`] | arms in a scene; what their jaws hold; the plugin of the simulator |
 //! | [`socket`] | an arm over UDP, in JSON |
+//! | [`local`] | arms for clients in this process, without a middleware |
 //! | [`seed`] | what differs from run to run: errors of joints, places of bodies |
 //! | [`statistics`], [`diagnostics`] | how regularly arms are updated; reports on them |
 //!
@@ -26,6 +27,7 @@ pub mod diagnostics;
 pub mod exchange;
 pub mod grasp;
 pub mod kinematics;
+pub mod local;
 pub mod messages;
 pub mod plugin;
 pub mod queries;

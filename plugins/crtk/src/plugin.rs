@@ -13,11 +13,12 @@ use ambf_plugin::{
 use crossbeam_channel::{bounded, Receiver, Sender};
 
 use crate::arm::{Arm, Dialect, Event};
-use crate::bind::{bind, look_up, Binding, Moving, Reading};
+use crate::bind::{self, bind, look_up, Binding, Moving, Reading};
 use crate::config::{self, ArmConfig, ClockKind, ConfigError, Configuration, Kind};
 use crate::diagnostics::{Board, Shown};
 use crate::exchange::{commands, ArmStatus, Inbox, Status};
 use crate::kinematics::Coordinates;
+use crate::local::End;
 use crate::messages::{self, MessageType};
 use crate::queries::{answers, services};
 use crate::seed::{errors, Random, Scatter};
@@ -181,7 +182,7 @@ impl Plugin for Crtk {
             }
         };
         let transports = (self.connect)().map_err(|error| error.to_string())?;
-        if transports.is_empty() {
+        if transports.is_empty() && !self.board.is_local {
             host.say("no middleware is running, so no topics are offered");
         }
         let seeding = (scatter, self.seed);
@@ -236,6 +237,7 @@ impl Running {
         let slot = Arc::new(SnapshotSlot::empty());
         let mut arms = Vec::new();
         let mut offered = Vec::new();
+        let mut ends = Vec::new();
         let mut places = Vec::new();
         let mut streamers = Vec::new();
         let tools = vec![None; configs.len()];
@@ -244,16 +246,23 @@ impl Running {
             let (outbox, inbox) = commands();
             let tool_type = config.tool.as_ref().and_then(|tool| tool.instrument.clone());
             let has_tool = config.tool.is_some();
-            let texts = Texts { info: binding.notes.clone(), tool_type };
             let extras =
-                Extras { dvrk: config.extras, tool_type: texts.tool_type.is_some(), gripper: config.kind == Kind::Mtm };
-            let mut topics = fitting(topics(&model, &config.space, extras), config);
-            if !config.errors.is_empty() {
-                topics.push(input(&binding.errors_topic, MessageType::Channel, Input::JointErrors));
+                Extras { dvrk: config.extras, tool_type: tool_type.is_some(), gripper: config.kind == Kind::Mtm };
+            let own = (Arc::clone(&model), config.space.clone(), config.rate);
+            let further = config.also.iter().map(|also| {
+                let model = Arc::new(bind::further(&model, config, also));
+                (model, also.space.clone(), also.rate)
+            });
+            for (model, space, rate) in std::iter::once(own).chain(further) {
+                let mut topics = fitting(topics(&model, &space, extras), config);
+                if !config.errors.is_empty() && space == config.space {
+                    topics.push(input(&binding.errors_topic, MessageType::Channel, Input::JointErrors));
+                }
+                let texts = Texts { info: binding.notes.clone(), tool_type: tool_type.clone() };
+                let open = Offered::open((&model, &topics), (rate, config.clock), texts, &outbox, &mut transports);
+                offered.push((arms.len(), open.map_err(|error| error.to_string())?));
+                ends.push(End { arm: arms.len(), space, model, topics, outbox: Arc::clone(&outbox) });
             }
-            let served = (config.rate, config.clock);
-            let open = Offered::open((&model, &topics), served, texts, &outbox, &mut transports);
-            offered.push(open.map_err(|error| error.to_string())?);
             if config.extras || model.dialect == Dialect::Dvrk {
                 for service in services(&config.space, has_tool) {
                     let answer = answers(service.query, &model, arms.len(), &slot);
@@ -275,7 +284,9 @@ impl Running {
         let (seed_sender, seeds) = bounded(SEEDS);
         // As if a client had given it: the first step draws. There is room.
         let _ = seed.map(|seed| seed_sender.try_send(seed));
-        if scatter.is_some() || arms.iter().any(|live: &Live| !live.error_bounds.is_empty()) {
+        let is_drawn = scatter.is_some() || arms.iter().any(|live: &Live| !live.error_bounds.is_empty());
+        let takes_seeds = is_drawn.then(|| seed_sender.clone());
+        if is_drawn {
             let topic = input(SEED_TOPIC, MessageType::Count, Input::Seed);
             let receive: Receive = Arc::new(move |bytes| {
                 if let Some(seed) = messages::read_count(bytes) {
@@ -301,7 +312,8 @@ impl Running {
             }
         }
         let named = |place: &usize| (configs[*place].space.clone(), configs[*place].rate);
-        let shown = Arc::new(Shown { arms: places.iter().map(named).collect(), status: Arc::clone(&slot) });
+        let (arms_shown, status) = (places.iter().map(named).collect(), Arc::clone(&slot));
+        let shown = Arc::new(Shown { arms: arms_shown, status, ends, seeds: takes_seeds });
         board.add(&shown);
         let template = Status { arms: arms.iter().map(Live::status).collect(), ..Status::default() };
         let told = Told::new(move |text| host.say(text));

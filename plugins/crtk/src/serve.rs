@@ -10,8 +10,8 @@ use crossbeam_channel::{Receiver, RecvTimeoutError};
 use nalgebra::{Isometry3, Vector6};
 
 use crate::arm::{
-    refused, wrench_of, ArmModel, Command, Dialect, Drive, Event, FrameName, JointMessage, Level, RatioOf, Ratios,
-    Refusal, WrenchFrame,
+    refused, wrench_of, ArmModel, Command, Dialect, Drive, Event, FrameName, JointMessage, Level, OperatingState,
+    RatioOf, Ratios, Refusal, WrenchFrame,
 };
 use crate::bind::{Moving, Reading};
 use crate::config::ClockKind;
@@ -76,16 +76,21 @@ impl Outlet {
     }
 }
 
+/// What an arm says of itself, whoever carries it.
+pub(crate) struct Face {
+    pub model: Arc<ArmModel>,
+    /// Name of the frame of what is published, where a client has set it.
+    pub reference: Option<FrameName>,
+}
+
 /// One arm as clients see it.
 pub struct Offered {
-    model: Arc<ArmModel>,
+    face: Face,
     clock: ClockKind,
     period: Duration,
     due: Instant,
     texts: Texts,
     outlets: Vec<Outlet>,
-    /// Name of the frame of what is published, where a client has set it.
-    reference: Option<FrameName>,
     /// The last window whose statistics were sent.
     window: u64,
 }
@@ -121,16 +126,8 @@ impl Offered {
             }
         }
         let period = Duration::from_secs_f64(1.0 / rate);
-        let mut offered = Self {
-            model: Arc::clone(model),
-            clock,
-            period,
-            due: Instant::now(),
-            texts,
-            outlets,
-            reference: None,
-            window: 0,
-        };
+        let face = Face { model: Arc::clone(model), reference: None };
+        let mut offered = Self { face, clock, period, due: Instant::now(), texts, outlets, window: 0 };
         offered.introduce();
         Ok(offered)
     }
@@ -150,22 +147,11 @@ impl Offered {
     }
 
     fn say(&mut self, output: Output, stamp: u64, text: String) {
-        let message = match self.model.dialect {
+        let message = match self.face.model.dialect {
             Dialect::Dvrk => Message::Text(text),
-            _ => Message::StampedText(self.header(stamp, false), text),
+            _ => Message::StampedText(self.face.header(stamp, false), text),
         };
         self.outlets.iter().filter(|outlet| outlet.output == output).for_each(|outlet| outlet.send(&message));
-    }
-
-    fn header(&self, stamp: u64, is_local: bool) -> Header {
-        let frames = &self.model.frames;
-        let world = is_local && self.model.dialect == Dialect::Plugin;
-        let frame = match is_local {
-            _ if world => "world",
-            true => &frames.base,
-            false => self.reference.as_ref().map_or(frames.reference.as_str(), FrameName::as_str),
-        };
-        Header { stamp, frame: frame.to_owned() }
     }
 
     /// Tells clients of an event.
@@ -182,11 +168,8 @@ impl Offered {
             Event::Tool(None) => self.keep(Output::ToolTypeRequest, &Message::Empty),
             Event::OrientationLocked(locked) => self.keep(Output::OrientationLocked, &Message::Bool(*locked)),
             Event::State(state) => {
-                let header = self.header(state.stamp, false);
-                let (is_homed, is_busy) = (state.is_homed, state.is_busy);
-                let name = state.state.to_string();
-                let text = Message::StampedText(header.clone(), name.clone());
-                let full = Message::OperatingState { header, state: name, is_homed, is_busy };
+                let full = self.face.operating_state(state);
+                let text = Message::StampedText(self.face.header(state.stamp, false), state.state.to_string());
                 self.keep(Output::OperatingState, &full);
                 self.keep(Output::StateName, &text);
             }
@@ -196,10 +179,10 @@ impl Offered {
     /// Sends the topics that are sent all the time.
     fn publish(&mut self, status: &ArmStatus, stamp: u64) {
         self.outlets.iter_mut().for_each(Outlet::catch_up);
-        self.reference = status.reference_name;
+        self.face.reference = status.reference_name;
         let Some(reading) = &status.reading else { return };
         for outlet in self.outlets.iter().filter(|outlet| outlet.output.is_periodic() && outlet.is_wanted()) {
-            if let Some(message) = self.message(outlet.output, status, reading, stamp) {
+            if let Some(message) = self.face.message(outlet.output, status, reading, stamp) {
                 outlet.send(&message);
             }
         }
@@ -210,14 +193,28 @@ impl Offered {
         if std::mem::replace(&mut self.window, statistics.window) == statistics.window {
             return;
         }
-        let message = Message::Statistics(self.header(stamp, false), *statistics);
+        let message = Message::Statistics(self.face.header(stamp, false), *statistics);
         self.outlets
             .iter()
             .filter(|outlet| outlet.output == Output::Statistics)
             .for_each(|outlet| outlet.send(&message));
     }
+}
 
-    fn message(&self, output: Output, status: &ArmStatus, reading: &Reading, stamp: u64) -> Option<Message> {
+impl Face {
+    fn header(&self, stamp: u64, is_local: bool) -> Header {
+        let frames = &self.model.frames;
+        let world = is_local && self.model.dialect == Dialect::Plugin;
+        let frame = match is_local {
+            _ if world => "world",
+            true => &frames.base,
+            false => self.reference.as_ref().map_or(frames.reference.as_str(), FrameName::as_str),
+        };
+        Header { stamp, frame: frame.to_owned() }
+    }
+
+    /// What a periodic topic, or that of the operating state, says after a step.
+    pub fn message(&self, output: Output, status: &ArmStatus, reading: &Reading, stamp: u64) -> Option<Message> {
         let (measured, set_point) = (&reading.measured, &status.set_point);
         // Without an instrument there is no control point.
         let of_tool = |is_local| {
@@ -273,9 +270,16 @@ impl Offered {
                 self.jaw(stamp, set_point.jaw[0], set_point.jaw[1], effort)
             }
             Output::BaseInWorld => Message::Pose(Header { stamp, frame: "world".into() }, reading.base.pose),
-            // Not periodic.
+            Output::OperatingState => self.operating_state(&status.state),
+            // Not of a state.
             _ => return None,
         })
+    }
+
+    fn operating_state(&self, state: &OperatingState) -> Message {
+        let header = self.header(state.stamp, false);
+        let (is_homed, is_busy) = (state.is_homed, state.is_busy);
+        Message::OperatingState { header, state: state.state.to_string(), is_homed, is_busy }
     }
 
     /// A pose in the world as it is published.
@@ -363,8 +367,8 @@ pub fn command(model: &ArmModel, input: Input, bytes: &[u8]) -> Command {
 
 /// The thread that publishes: states when they are due, events at once.
 pub struct Publisher {
-    /// Arms, in the order of the configuration; `None`: not offered.
-    pub arms: Vec<Offered>,
+    /// Sets of topics, each with the place of its arm in the status; an arm may have several.
+    pub arms: Vec<(usize, Offered)>,
     /// Newest status.
     pub status: Arc<SnapshotSlot<Status>>,
     /// Events: which arm, what. It ends when nobody can send any more.
@@ -403,11 +407,12 @@ impl Publisher {
     /// Publishes until the events end.
     pub fn run(mut self) {
         loop {
-            let due = self.arms.iter().map(|arm| arm.due).min().unwrap_or_else(|| Instant::now() + PAUSED);
+            let due = self.arms.iter().map(|(_, arm)| arm.due).min().unwrap_or_else(|| Instant::now() + PAUSED);
             match self.events.recv_deadline(due) {
                 Ok((arm, event)) => {
-                    if let Some(offered) = self.arms.get_mut(arm) {
-                        self.told.tell(arm, &offered.model.name, &event);
+                    for (_, offered) in self.arms.iter_mut().filter(|(owner, _)| *owner == arm) {
+                        // Each arm and reason is said once, by the first of its names.
+                        self.told.tell(arm, &offered.face.model.name, &event);
                         offered.tell(&event);
                     }
                 }
@@ -428,7 +433,7 @@ impl Publisher {
             let clock = Message::Clock(status.sim_time);
             self.clock.iter().filter(|sender| sender.has_receivers()).for_each(|sender| sender.send(&clock));
         }
-        for (index, arm) in self.arms.iter_mut().enumerate().filter(|(_, arm)| arm.due <= now) {
+        for (index, arm) in self.arms.iter_mut().filter(|(_, arm)| arm.due <= now) {
             arm.due += arm.period;
             if arm.due < now {
                 // What was missed is not made up for.
@@ -444,7 +449,7 @@ impl Publisher {
                 (ClockKind::Sim, false) => status.sim_time,
                 (ClockKind::Sim, true) => 0,
             };
-            if let Some(own) = status.arms.get(index) {
+            if let Some(own) = status.arms.get(*index) {
                 arm.publish(own, stamp);
                 arm.tell_statistics(&status.statistics, stamp);
             }

@@ -425,7 +425,7 @@ type Loaded = (Vec<Lane>, Arc<Layout>, Vec<String>);
 
 /// Loads worlds of a scene on all threads.
 fn load_all(wanted: &Wanted, count: usize) -> Result<Loaded, Vec<String>> {
-    let Made { stepper, warnings, launch: _kept } = load::load_world(wanted)?;
+    let Made { stepper, warnings, launch: _kept, .. } = load::load_world(wanted)?;
     let layout = Arc::new(Layout::of(&stepper));
     let mut lanes = Vec::with_capacity(count);
     lanes.push(Lane::new(stepper, &layout));
@@ -485,6 +485,8 @@ impl Batch {
             saving: false,
             step,
             plugins: Vec::new(),
+            crtk: Vec::new(),
+            seed: None,
         };
         let (lanes, layout, warnings) =
             py.detach(|| load_all(&wanted, count)).map_err(|problems| errors::load(py, problems))?;

@@ -103,3 +103,8 @@ pub fn view(py: Python<'_>, problem: &ViewerError) -> PyErr {
     };
     raise(py, "RenderError", (message,))
 }
+
+/// Error when there is nothing of that name.
+pub fn not_found(py: Python<'_>, message: &str) -> PyErr {
+    raise(py, "NotFoundError", (lines(message).into_owned(),))
+}

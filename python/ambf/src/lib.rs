@@ -7,11 +7,12 @@
 //!
 //! Begin with `world.rs`: `World::step` takes the physics out of its slot, puts the commands of the arrays in force,
 //! steps without Python's lock, and writes the states into the arrays. `drawing.rs` draws, `view.rs` opens windows,
-//! `pool.rs` steps many worlds at once, `batch.rs` many of one scene with common arrays, `tree.rs` answers questions about mechanisms.
+//! `arms.rs` lets CRTK clients reach arms, `pool.rs` steps many worlds at once, `batch.rs` many of one scene with common arrays, `tree.rs` answers questions about mechanisms.
 //!
 //! Not in: names, shapes and checks of arguments that users see, which are in `python/ambf/simulation.py`; ROS, which
 //! is `ambf_client`'s.
 
+mod arms;
 mod arrays;
 mod batch;
 mod commands;

@@ -9,6 +9,8 @@ use ambf_core::plugin::{PluginSetup, Registry, Search};
 use ambf_core::scene::{load, shared_launch, Loaded, PhysicsOptions, SceneFiles, SceneOptions};
 use ambf_core::sim::{Simulation, Stepper, DEFAULT_SUB_STEP};
 use ambf_core::text::has_entries;
+use crtk::diagnostics::Board;
+use crtk::transport::Connect;
 
 /// Which scene, and how it is simulated.
 #[derive(Clone)]
@@ -29,6 +31,10 @@ pub struct Wanted {
     /// Interval of an iteration, s.
     pub step: f64,
     pub plugins: Vec<PathBuf>,
+    /// Configurations of arms for CRTK clients.
+    pub crtk: Vec<PathBuf>,
+    /// What differs from run to run is drawn from it.
+    pub seed: Option<u64>,
 }
 
 /// What is loaded.
@@ -38,6 +44,8 @@ pub struct Made {
     pub warnings: Vec<String>,
     /// While it is kept, further worlds need not read the file.
     pub launch: Option<Arc<Launch>>,
+    /// Arms for CRTK clients.
+    pub arms: Board,
 }
 
 /// Loads the scene.
@@ -81,18 +89,27 @@ pub fn load_world(wanted: &Wanted) -> Result<Made, Vec<String>> {
             .push(format!("at most {longest} s {problem}={} is lost: see `max iterations` of the world", wanted.step));
     }
     let mut simulation = Simulation::new(scene, sub_step);
+    let (mut registry, arms) = (Registry::default(), Board::local());
+    let without: Connect = Arc::new(|| Ok(Vec::new()));
+    let mut plugins = wanted.plugins.clone();
+    plugins.extend(crtk::plugin::register(&mut registry, &wanted.crtk, &without, &arms, wanted.seed));
     let setup = PluginSetup {
-        registry: Registry::default(),
+        registry,
         search: Search::from_environment(),
         arguments: vec!["python".into()],
-        command_line: wanted.plugins.clone(),
+        command_line: plugins,
         launch: launch.as_ref().map(|launch| launch.plugins.clone()).unwrap_or_default(),
     };
-    warnings.extend(simulation.load_plugins(setup).problems);
+    let problems = simulation.load_plugins(setup).problems;
+    if !wanted.crtk.is_empty() && arms.topics().is_empty() {
+        // Somebody who asks for arms can do nothing without.
+        return Err(problems);
+    }
+    warnings.extend(problems);
     let stepper = Stepper::new(simulation, wanted.step);
     match stepper.lost() {
         Some(problem) => Err(vec![problem.to_string()]),
-        None => Ok(Made { stepper, warnings, launch }),
+        None => Ok(Made { stepper, warnings, launch, arms }),
     }
 }
 

@@ -16,11 +16,13 @@ use ambf_core::sim::{LostState, ModelError, Stepper, StepperState};
 use ambf_core::text;
 use ambf_core::volume::VoxelGrid;
 use ambf_render::camera_labels;
+use crtk::diagnostics::Board;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use numpy::{PyArray1, PyArrayMethods};
 use parking_lot::Mutex;
 use pyo3::prelude::*;
 
+use crate::arms;
 use crate::arrays::{Buffer, Pool};
 use crate::commands::{BodyCommands, Requested, Row, SavedArrays};
 use crate::drawing::{self, Drawing, Moment};
@@ -107,6 +109,8 @@ pub struct World {
     drawing: Arc<Drawing>,
     pictures: PictureArrays,
     windows: Mutex<Option<Windows>>,
+    /// Arms for CRTK clients.
+    arms: Board,
     revision: AtomicU64,
 }
 
@@ -306,6 +310,7 @@ impl World {
             drawing: Arc::default(),
             pictures: PictureArrays::default(),
             windows: Mutex::default(),
+            arms: Board::local(),
             revision: AtomicU64::new(revision),
         };
         physics.requested = Requested::new(made.rows.len());
@@ -343,6 +348,7 @@ impl World {
         let mut made = Self::around(py, Arc::clone(&self.slot), physics, self.warnings.clone(), revision)?;
         // Pictures and windows are of what is published, whoever holds it.
         made.drawing = Arc::clone(&self.drawing);
+        made.arms = self.arms.clone();
         *made.windows.lock() = self.windows.lock().take();
         made.with(py, |physics| {
             for (row, commanded) in made.rows.iter().zip(&mut physics.requested.commanded) {
@@ -414,7 +420,7 @@ impl State {
 #[pymethods]
 impl World {
     #[new]
-    #[pyo3(signature = (models, launch_file, world, indexes, profile, solver, integrator, iterations, articulated, sleep, saving, step, plugins))]
+    #[pyo3(signature = (models, launch_file, world, indexes, profile, solver, integrator, iterations, articulated, sleep, saving, step, plugins, crtk, seed))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
@@ -431,6 +437,8 @@ impl World {
         saving: bool,
         step: f64,
         plugins: Vec<PathBuf>,
+        crtk: Vec<PathBuf>,
+        seed: Option<u64>,
     ) -> PyResult<Self> {
         let wanted = Wanted {
             models,
@@ -446,11 +454,15 @@ impl World {
             saving,
             step,
             plugins,
+            crtk,
+            seed,
         };
-        let Made { stepper, warnings, launch } =
+        let Made { stepper, warnings, launch, arms } =
             py.detach(|| load::load_world(&wanted)).map_err(|problems| errors::load(py, problems))?;
         let physics = Physics { stepper: Box::new(stepper), requested: Requested::new(0), _launch: launch };
-        Self::around(py, Arc::new(Mutex::new(Slot::Away)), physics, warnings, 0)
+        let mut made = Self::around(py, Arc::new(Mutex::new(Slot::Away)), physics, warnings, 0)?;
+        made.arms = arms;
+        Ok(made)
     }
 
     #[getter]
@@ -1013,6 +1025,18 @@ impl World {
         let mut notices = self.with(py, |physics| physics.stepper.take_notices())?;
         notices.extend(self.drawing.take_messages());
         Ok(notices.iter().map(|notice| text::lines(notice).into_owned()).collect())
+    }
+
+    fn crtk_topics(&self) -> Vec<arms::Listed> {
+        arms::topics(&self.arms)
+    }
+
+    fn crtk_send(&self, py: Python<'_>, topic: &str, numbers: Vec<f64>, text: String) -> PyResult<()> {
+        arms::send(py, &self.arms, topic, numbers, text)
+    }
+
+    fn crtk_read(&self, py: Python<'_>, topic: &str) -> PyResult<Option<arms::Read>> {
+        arms::read(py, &self.arms, topic)
     }
 
     #[getter]

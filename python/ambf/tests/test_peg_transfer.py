@@ -23,7 +23,9 @@ TOP = SYMMETRIC.top
 
 def scene(models=WHOLE, **options):
     """Models of the launch file."""
-    options = {"profile": "accurate", "step": STEP, **options}
+    options = {"profile": "accurate", "step": STEP, "crtk": [FOLDER / "crtk.yaml"], **options}
+    if not {2, 4} <= set(models):
+        del options["crtk"]
     return ambf.Simulation(launch_file=FOLDER / "launch.yaml", indexes=models, **options)
 
 

@@ -43,6 +43,11 @@ fn an_obj_has_a_part_for_each_material_that_is_used() {
     assert_eq!(without.0.parts.len(), 1);
     assert_eq!(without.0.parts[0].material, MeshMaterial::default());
     assert!(without.1[0].starts_with("m.obj:1: material library 'none.mtl' is not there"), "{:?}", without.1);
+    // Materials of no library at all: said once.
+    let (mesh, messages) = read(&text.replace("mtllib m.mtl\n", ""), false);
+    assert_eq!(mesh.parts.len(), 1);
+    assert!(messages[0].starts_with("m.obj:8: material 'b' is asked for, but no line `mtllib FILE`"), "{messages:?}");
+    assert_eq!(messages.iter().filter(|message| message.contains("is asked for")).count(), 1, "{messages:?}");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use ambf_plugin::{JointCommandType, ObjectId, ObjectType, View};
 use nalgebra::{Isometry3, Point3, Unit, Vector3, Vector6};
 
 use crate::arm::{Arm, ArmModel, Drive, FrameNames, InstrumentNumber, JawModel, Measured, SetPoint};
-use crate::config::{wire_name, ArmConfig};
+use crate::config::{wire_name, AlsoConfig, ArmConfig};
 use crate::grasp::Grasp;
 use crate::kinematics::{holding_efforts, Coordinates, Kinematics, Limits, Load};
 use crate::trajectory::Bounds;
@@ -222,6 +222,19 @@ fn reference(all: &[ArmConfig], own: usize, finder: &Finder<'_, '_>) -> Result<R
 }
 
 /// Limits, speeds and names of a configured arm.
+/// The arm as clients of its further topics see it: other names, the same arm.
+pub fn further(model: &ArmModel, config: &ArmConfig, also: &AlsoConfig) -> ArmModel {
+    let base = also.dialect.base_frame(&also.name);
+    let reference = if config.reference == "base" { base.clone() } else { config.reference.clone() };
+    ArmModel {
+        name: also.name.clone(),
+        joints: also.names.clone(),
+        dialect: also.dialect,
+        frames: FrameNames { reference, base },
+        ..model.clone()
+    }
+}
+
 fn model(config: &ArmConfig, binding: &Binding, kinematics: Kinematics, world: &View<'_>) -> ArmModel {
     let of_scene = |&joint: &usize| {
         let (lower, upper) = world.joint(joint).map_or((f64::NEG_INFINITY, f64::INFINITY), |state| state.limits);

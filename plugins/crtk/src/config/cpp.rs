@@ -109,6 +109,7 @@ fn arm(space: String, asked: Asked, entry: Entry<'_>) -> ArmConfig {
         grasp: None,
         errors: Vec::new(),
         socket: None,
+        also: Vec::new(),
         body: None,
         ik: if tool.is_some() { IkKind::Dls } else { IkKind::None },
         tool,

@@ -267,7 +267,7 @@ fn the_publisher_ends_with_the_events_and_sends_them_in_order() {
     let log = Arc::clone(&lines);
     let told = Told::new(move |line| log.lock().push(line.to_owned()));
     let publisher =
-        Publisher { arms: vec![arm], status: slot, events, clock: Vec::new(), transports: Vec::new(), told };
+        Publisher { arms: vec![(0, arm)], status: slot, events, clock: Vec::new(), transports: Vec::new(), told };
     let thread = thread::spawn(|| publisher.run());
     for stamp in 1..=20 {
         let state = OperatingState { stamp, state: State::Enabled, is_homed: true, is_busy: stamp % 2 == 0 };

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from ._ambf import State
 from ._ambf import version as __version__
+from .arms import Arm, Cartesian, Joints, OperatingState
 from .arrays import EFFORT, FORCE, NONE, POSITION, VELOCITY
 from .batch import Batch
 from .errors import (
@@ -52,18 +53,22 @@ __all__ = [
     "VELOCITY",
     "Actuator",
     "AmbfError",
+    "Arm",
     "Batch",
     "Body",
     "BusyError",
+    "Cartesian",
     "Carved",
     "ClosedError",
     "Contacts",
     "Coupling",
     "InvalidCommand",
+    "Joints",
     "Label",
     "LoadError",
     "NonFiniteError",
     "NotFoundError",
+    "OperatingState",
     "PassiveBody",
     "Rays",
     "Reached",

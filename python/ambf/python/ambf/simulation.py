@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _ambf
 from ._ambf import State, version
+from .arms import Arm
 from .arrays import FORCE, KINDS, NONE, POSITION, VELOCITY, Arrays
 from .errors import BusyError, ClosedError, NonFiniteError, NotFoundError
 from .names import find as _find
@@ -137,6 +138,8 @@ class Simulation(Arrays):
         saving: bool = False,
         step: float = 0.001,
         plugins: Sequence[Path] = (),
+        crtk: Sequence[Path] = (),
+        seed: Optional[int] = None,
     ) -> None:
         """Loads `models` (ADF, URDF or MJCF files), then those at `indexes` of the launch file's list, into the world of `world`, else of
         the launch file, else an empty one.
@@ -144,7 +147,8 @@ class Simulation(Arrays):
         `profile`: "legacy", "accurate" or "pybullet"; `solver`, `integrator`, `iterations`, `articulated`, `sleep`: as the options of
         the programs. None: what the world file says, else the profile; the profile is "accurate" unless the world file names another one
         (that of the programs is "legacy"). `step`: interval of an iteration, s. `saving`: allows `save`. `plugins`: simulator plugins,
-        shared libraries.
+        shared libraries. `crtk`: files that configure arms for CRTK clients, for `arm`; `seed`: draws what they draw, as the program's
+        option `--seed`.
 
         Raises LoadError. What of a scene had to be left out or guessed is in `warnings`.
         """
@@ -163,6 +167,8 @@ class Simulation(Arrays):
             saving,
             step,
             [os.fspath(file) for file in plugins],
+            [os.fspath(file) for file in crtk],
+            seed,
         )
         self.warnings: Tuple[str, ...] = tuple(self._world.warnings)
         """What was left out or guessed while the scene was loaded; each begins with file:line."""
@@ -321,6 +327,16 @@ class Simulation(Arrays):
     def actuator(self, name: Union[str, int]) -> Actuator:
         """The actuator of that name, as `body` finds it. Raises NotFoundError."""
         return Actuator(self, _find(name, self.actuators, "actuators"))
+
+    @property
+    def arms(self) -> Tuple[str, ...]:
+        """Names of the arms for CRTK clients, such as "/CRTK/psm1", in the order of their configuration."""
+        return tuple(dict.fromkeys(space for space, *_ in self._world.crtk_topics()))
+
+    def arm(self, name: str) -> Arm:
+        """The arm of that name, or the only one whose name ends with it after a slash, or contains it. Raises NotFoundError."""
+        arms = self.arms
+        return Arm(self, arms[_find(name, arms, "arms")])
 
     def tree(self, body: Union[str, int]) -> Tree:
         """The tree of bodies that hang together with `body` by joints: Jacobians, mass matrix, forces, inverse kinematics.

@@ -53,6 +53,22 @@ def matrix_of(quaternion: ArrayLike) -> Array:
     )
 
 
+def quaternion_of(axes: Array) -> Array:
+    """The quaternion x, y, z, w of a rotation matrix."""
+    # The largest of the squares of the four numbers is well conditioned (Shepperd 1978).
+    trace = float(np.trace(axes))
+    squares = np.array([*(1.0 + 2.0 * np.diag(axes) - trace), 1.0 + trace])
+    i = int(np.argmax(squares))
+    a, b, c = axes[2, 1] - axes[1, 2], axes[0, 2] - axes[2, 0], axes[1, 0] - axes[0, 1]
+    if i == 3:
+        q = np.array([a, b, c, squares[3]])
+    else:
+        q = np.append(axes[:, i] + axes[i, :], (a, b, c)[i])
+        q[i] = squares[i]
+    quaternion: Array = q / np.linalg.norm(q)
+    return quaternion
+
+
 def forward(q: ArrayLike) -> tuple[Array, Array]:
     """Origin, m, and axes of the tool's yaw link in the base."""
     q1, q2, q3, q4, q5, q6 = np.asarray(q, np.float64)
@@ -65,6 +81,12 @@ def forward(q: ArrayLike) -> tuple[Array, Array]:
 
 def inverse(position: ArrayLike, axes: Array) -> Optional[Array]:
     """Joints for an origin, m, and axes of the tool's yaw link in the base; None: out of reach, or beyond limits."""
+    q = unlimited(position, axes)
+    return q if q is not None and (q >= LOWER - 1e-9).all() and (q <= UPPER + 1e-9).all() else None
+
+
+def unlimited(position: ArrayLike, axes: Array) -> Optional[Array]:
+    """As `inverse`, whatever the limits are; None: the hinge of the fingers points at the remote centre."""
     p = np.asarray(position, np.float64)
     hinge = axes[:, 2]
     # The yaw axis, the wrist and the remote centre are in one plane.
@@ -80,5 +102,4 @@ def inverse(position: ArrayLike, axes: Array) -> Optional[Array]:
     q5 = -math.asin(max(-1.0, min(1.0, rest[2, 1])))
     q4 = -math.atan2(-rest[0, 1], rest[1, 1])
     q6 = -math.atan2(-rest[2, 0], rest[2, 2])
-    q = np.array([q1, q2, depth - WRIST, q4, q5, q6])
-    return q if (q >= LOWER - 1e-9).all() and (q <= UPPER + 1e-9).all() else None
+    return np.array([q1, q2, depth - WRIST, q4, q5, q6])

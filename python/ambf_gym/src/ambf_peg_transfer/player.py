@@ -9,17 +9,20 @@ It needs NumPy and the package `ambf`.
 from __future__ import annotations
 
 import argparse
+import concurrent.futures
+import contextlib
 import functools
 import itertools
 import json
 import math
+import multiprocessing
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 import ambf
 import numpy as np
 
-from .arms import FINGERS, LOWER, UPPER, Array, about, forward, inverse, matrix_of
+from .arms import LOWER, UPPER, Array, about, forward, inverse, matrix_of, unlimited
 from .board import SYMMETRIC, Board
 from .referee import Pose, Referee, Score
 from .seeds import draw
@@ -32,8 +35,18 @@ TOP = 0.01485
 """Of a block, above the origin of its frame, m."""
 ABOVE = 0.0045
 """The fingers' hinge is so far above the top of the block that they hold, m."""
-OPEN, CLOSED = 0.14, 0.0
-"""Angles of a finger, rad: inside the block there is room for 0.15 beside a peg."""
+OPEN, CLOSED = 0.11, 0.0
+"""Angles of a finger, rad: 0.7 mm from the wall that they are to take; inside the block there is room for 0.15 beside a peg."""
+ROOM = -0.0006
+"""A block that stands off its peg's axis by less than this, towards the wall, leaves room for a finger between wall and peg, m."""
+APART = 0.0065
+"""Hinges of both arms' fingers are so far apart across the board where a block changes hands, m."""
+SLIPPED = 0.004
+"""A block that has moved in the jaws by more was lost, m."""
+HELD = 0.03
+"""A block whose origin is nearer to the tool's is between its jaws, m."""
+ALIGNED = (0.0004, 0.02)
+"""So near to where it is to be is near enough before a block goes down, m and rad."""
 LIFT = 0.035
 """A block is carried so far above the board, m: pegs are 20 mm high."""
 MEETING = np.array([0.0194, 0.306, 0.775])
@@ -44,6 +57,10 @@ TURNS = (0.0, 0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
 """By how much a block may be turned on a way, rad."""
 SPEED, TURN = 0.05, 1.2
 """m/s, rad/s."""
+SLOW = 0.01
+"""Joints that are slower stand still, rad/s and m/s."""
+MARKS = ("<!-- player: begin -->\n", "<!-- player: end -->\n")
+"""Between these a page has the table of runs."""
 TICK = 0.01
 """Set points follow each other in such intervals, s."""
 
@@ -97,23 +114,42 @@ GRIPS = [Grip(wall, turned) for wall in range(3) for turned in (False, True)]
 
 
 class Arm:
-    """One arm: what it is told, and where it is."""
+    """One arm through its CRTK topics: what it is told, and where it is.
+
+    Errors of its first joints are seen by the tool's State, as a camera would see them, and taken off what it is told.
+    """
 
     def __init__(self, simulation: ambf.Simulation, name: str) -> None:
         self.name = name
+        self._client = simulation.arm(name)
         self._base = simulation.body(f"{name}/baselink")
         self._tool = simulation.body(f"{name}/toolyawlink")
-        base = place_of(self._base.pose)
-        self._world = base.inverse()
-        self.base = base
-        self._base.joint_kinds[:] = ambf.POSITION
-        self.goal = np.array([0.0, 0.0, 0.03, 0.0, 0.0, 0.0])
+        self.base = place_of(self._base.pose)
+        self._world = self.base.inverse()
+        self.goal: Array = np.zeros(6)
+        self.errors: Array = np.zeros(6)
         self.jaw = OPEN
         self.send()
 
     def send(self) -> None:
-        """Puts the set points in force."""
-        self._base.joint_commands[:] = [*self.goal, *([self.jaw] * len(FINGERS))]
+        """Publishes the set points."""
+        self._client.send("servo_jp", self.goal - self.errors)
+        self._client.send("jaw/servo_jp", [self.jaw])
+
+    def look(self) -> None:
+        """Compares what the joints say with where the tool is, while they are slow: States are an iteration older."""
+        joints = self._client.joints("measured_js")
+        if np.abs(joints.velocity).max() > SLOW:
+            return
+        seen = self._world.times(self.tool)
+        q = unlimited(seen.position, seen.axes)
+        if q is not None:
+            self.errors[:3] = (q - joints.position)[:3]
+
+    @property
+    def measured(self) -> Array:
+        """What the joints say, rad and m."""
+        return self._client.joints("measured_js").position
 
     def solve(self, tool: Place) -> Optional[Array]:
         """Joints for a place of the tool; None: out of reach, or beyond limits."""
@@ -138,7 +174,7 @@ class Arm:
     @property
     def lag(self) -> float:
         """How far the worst of the joints is from its set point, rad or m."""
-        return float(np.abs(self._base.joint_positions[:6] - self.goal).max())
+        return float(np.abs(self.measured + self.errors - self.goal).max())
 
 
 class Player:
@@ -153,6 +189,10 @@ class Player:
         self.arms = {1: Arm(simulation, "psm1"), -1: Arm(simulation, "psm2")}
         """By the side on which each works: 1 left, -1 right."""
         self._blocks = {name: simulation.body(name) for name in board.blocks}
+        self.holder: Optional[Tuple[Arm, str]] = None
+        """Which arm holds which block, as far as the player knows."""
+        self.refused: Set[Tuple[str, Grip]] = set()
+        """Grips by which a block was not taken: others are tried."""
 
     # --- time ---------------------------------------------------------------------------------------------------------------------
 
@@ -161,6 +201,8 @@ class Player:
         for arm in self.arms.values():
             arm.send()
         self.simulation.step(self._steps)
+        for arm in self.arms.values():
+            arm.look()
 
         def pose(array: Array) -> Pose:
             values = array.tolist()
@@ -219,6 +261,8 @@ class Player:
     def set_jaw(self, arm: Arm, angle: float) -> None:
         """Opens or closes at 0.5 rad/s."""
         begin = arm.jaw
+        if angle == begin:
+            return
         count = max(1, math.ceil(abs(angle - begin) / 0.5 / TICK))
         for i in range(1, count + 1):
             arm.jaw = begin + (angle - begin) * i / count
@@ -232,47 +276,108 @@ class Player:
         return place_of(self._blocks[name].pose)
 
     def transfer(self, name: str, peg: str) -> None:
-        """Brings a block to a peg of the other side. Raises Failed."""
+        """Brings a block to a peg of the other side. Raises Failed; whoever has the block then holds it, as `holder` says."""
         block = self.block(name)
-        side = 1 if block.position[0] > self.board.middle else -1
+        side = self.side_of(name)
         giver, taker = self.arms[side], self.arms[-side]
-        grips = self._plan(block, side, peg)
+        grips = self._plan(block, side, peg, name)
         if grips is None:
             raise Failed(f"no way to bring {name} to {peg}")
         give, take, turn, target = grips
         up = np.array([0.0, 0.0, LIFT])
         # Fetch it.
-        grip = give.tool(block)
-        giver.jaw = OPEN
-        self._approach(giver, Place(grip.position + up, grip.axes))
-        self.line(giver, grip)
-        self.set_jaw(giver, CLOSED)
-        self.line(giver, Place(grip.position + up, grip.axes))
-        held = giver.tool.inverse().times(self.block(name)).inverse()  # the tool, seen from the block
+        self._fetch(giver, name, give)
         # To the meeting, round the near end of the wall.
         meeting = upright(MEETING, turn)
         for goal in self._way(block, side, meeting)[2:]:
-            self.line(giver, goal.times(held))
+            self._carry(giver, name, goal)
+        self._align(giver, name, meeting)
         # Both hold it, then the other one alone.
-        block = self.block(name)
-        grip = take.tool(block)
+        grip = take.tool(self.block(name))
         over = Place(grip.position + 0.8 * up, grip.axes)
-        taker.jaw = OPEN
+        self.set_jaw(taker, OPEN)
         self._approach(taker, over)
         self.line(taker, grip)
         self.set_jaw(taker, CLOSED)
         self.set_jaw(giver, OPEN)
+        self.holder = (taker, name)
         away = giver.commanded
         self.line(giver, Place(away.position + 0.8 * up, away.axes))
         self.line(giver, Place(away.position + 0.8 * up + np.array([side * ASIDE, 0.0, 0.0]), away.axes))
-        held = taker.tool.inverse().times(self.block(name)).inverse()
         # To the peg.
-        for goal in self._way(target, -side, meeting)[-2::-1]:
-            self.line(taker, goal.times(held))
-        self.set_jaw(taker, OPEN)
-        away = taker.commanded
-        self.line(taker, Place(away.position + up, away.axes))
+        way = self._way(target, -side, meeting)
+        for goal in way[-2:0:-1]:
+            self._carry(taker, name, goal)
+        self._put(taker, name, target)
+
+    def _fetch(self, arm: Arm, name: str, how: Grip) -> None:
+        """Takes a block that stands, and lifts it."""
+        block = self.block(name)
+        grip, up = how.tool(block), np.array([0.0, 0.0, LIFT])
+        self.set_jaw(arm, OPEN)
+        self._approach(arm, Place(grip.position + up, grip.axes))
+        self.line(arm, grip)
+        self.set_jaw(arm, CLOSED)
+        self.holder = (arm, name)
+        self.line(arm, Place(grip.position + up, grip.axes))
+        if self.block(name).position[2] < block.position[2] + 0.5 * LIFT:
+            self.refused.add((name, how))
+            raise Failed(f"{arm.name} has not got {name}")
+
+    def _carry(self, arm: Arm, name: str, goal: Place) -> None:
+        """Moves a block that an arm holds on a straight line: the jaws have it as they have it now."""
+        held = self.block(name).inverse().times(arm.tool)
+        self.line(arm, goal.times(held))
+        now = self.block(name).inverse().times(arm.tool)
+        if float(np.linalg.norm(now.position - held.position)) > SLIPPED:
+            self.holder = None
+            raise Failed(f"{arm.name} has lost {name}")
+
+    def _align(self, arm: Arm, name: str, goal: Place) -> None:
+        """Brings a held block to where it is to be, whatever it has slipped on its way."""
+        for _ in range(3):
+            block = self.block(name)
+            away = float(np.linalg.norm(block.position - goal.position))
+            turned = float(np.linalg.norm(_rotation_vector(goal.axes @ block.axes.T)))
+            if away < ALIGNED[0] and turned < ALIGNED[1]:
+                return
+            self._carry(arm, name, goal)
+
+    def _put(self, arm: Arm, name: str, target: Place) -> None:
+        """Puts a held block that is above a peg onto it, and goes up."""
+        self._align(arm, name, _moved(target, z=LIFT))
+        self._carry(arm, name, target)
+        self.set_jaw(arm, OPEN)
+        self.holder = None
+        away = arm.commanded
+        self.line(arm, Place(away.position + np.array([0.0, 0.0, LIFT]), away.axes))
         self.wait(0.3)
+
+    def _put_back(self) -> None:
+        """Puts a block that is still held after a failure onto a peg of the arm's own side. Raises Failed."""
+        if self.holder is None:
+            return
+        arm, name = self.holder
+        side = 1 if arm is self.arms[1] else -1
+        block = self.block(name)
+        held = block.inverse().times(arm.tool)
+        if float(np.linalg.norm(arm.tool.position - block.position)) > HELD or block.axes[2, 2] < 0.9:
+            self.holder = None
+            return
+        yaw = math.atan2(block.axes[1, 0], block.axes[0, 0])
+        for peg, turn in itertools.product(self.free_pegs(side), TURNS):
+            target = upright(np.array([*self.board.pegs[peg], self.board.top + 0.001]), yaw + turn)
+            way = self._way(target, side, Place(block.position, target.axes))
+            if all(arm.margin(goal.times(held)) > 0.0 for goal in way):
+                for goal in way[-2:0:-1]:
+                    self._carry(arm, name, goal)
+                self._put(arm, name, target)
+                return
+        raise Failed(f"{arm.name} can't put {name} back")
+
+    def side_of(self, name: str) -> int:
+        """The side on which a block is: 1 left, -1 right."""
+        return 1 if self.block(name).position[0] > self.board.middle else -1
 
     def _way(self, peg: Place, side: int, meeting: Place) -> List[Place]:
         """Places of a block on its way from where it stands to the meeting: up, aside, turned there, and in front of the wall."""
@@ -302,14 +407,14 @@ class Player:
             self.line(arm, Place(here.position + high, here.axes))
         self.joints(arm, q)
 
-    def _plan(self, block: Place, side: int, peg: str) -> Optional[Tuple[Grip, Grip, float, Place]]:
+    def _plan(self, block: Place, side: int, peg: str, name: str = "") -> Optional[Tuple[Grip, Grip, float, Place]]:
         """How the giver and the taker hold it, how it is turned at the meeting, and where and how it is to stand: those by which the
         joints stay furthest from their limits, and the block turns little while it is held.
         """
         giver, taker = self.arms[side], self.arms[-side]
         height = self.board.top + 0.001  # 0.8 mm above where it comes to rest
         stand = np.array([*self.board.pegs[peg], height])
-        best: Tuple[float, Any] = (0.02, None)
+        best: Tuple[float, Any] = (-0.2, None)
         yaw = math.atan2(block.axes[1, 0], block.axes[0, 0])
 
         @functools.cache
@@ -317,13 +422,22 @@ class Player:
             target = upright(stand, turn)
             return min(taker.margin(grip.tool(place)) for place in (target, _moved(target, z=LIFT)))
 
+        # A grip that did not take it, or without room beside the peg, comes last.
+        def doubt(grip: Grip) -> float:
+            angle = WALLS[grip.wall]
+            out = block.axes @ np.array([math.cos(angle), math.sin(angle), 0.0])
+            near = min(self.board.pegs.values(), key=lambda at: math.dist(at, block.position[:2]))
+            room = float(out[:2] @ (block.position[:2] - near))
+            return 0.1 * ((name, grip) in self.refused) + 0.1 * (room < ROOM)
+
         fetch = {
-            grip: min(giver.margin(grip.tool(place)) for place in (block, _moved(block, z=LIFT))) for grip in GRIPS
+            grip: min(giver.margin(grip.tool(place)) for place in (block, _moved(block, z=LIFT))) - doubt(grip)
+            for grip in GRIPS
         }
         for turned, (give, take) in itertools.product(TURNS, itertools.permutations(GRIPS, 2)):
             meeting = upright(MEETING, yaw + turned)
             mine, other = give.tool(meeting), take.tool(meeting)
-            if give.wall == take.wall or (mine.position[0] - other.position[0]) * side < 0.006:
+            if give.wall == take.wall or (mine.position[0] - other.position[0]) * side < APART:
                 continue
             here = min(
                 fetch[give],
@@ -354,30 +468,47 @@ class Player:
             if all(math.dist(self.board.pegs[peg], place) > 0.015 for place in taken):
                 yield peg
 
+    def _bring(self, name: str) -> None:
+        """Brings a block over to the first peg to which there is a way. Raises Failed."""
+        side = self.side_of(name)
+        for peg in self.free_pegs(-side):
+            if self._plan(self.block(name), side, peg, name) is not None:
+                self.transfer(name, peg)
+                return
+        raise Failed(f"{name} can't be brought over")
+
+    def _recover(self, verbose: bool) -> None:
+        """After a failure: what is held is put back, and the arms go out of the way."""
+        try:
+            self._put_back()
+        except Failed as error:
+            if verbose:
+                print(f"{self.referee.score.time:6.1f} s: {error}")
+        self.holder = None
+        for side, arm in self.arms.items():
+            self.set_jaw(arm, OPEN)
+            here = arm.commanded
+            for away in ((0.0, LIFT), (side * ASIDE, LIFT)):
+                goal = Place(here.position + np.array([away[0], 0.0, away[1]]), here.axes)
+                if arm.solve(goal) is not None:
+                    with contextlib.suppress(Failed):
+                        self.line(arm, goal)
+
     def play(self, ways: int = 2, verbose: bool = False) -> Score:
         """All blocks over and back, `ways` ways, or until the run is over."""
         self.wait(1.0)
         score = self.referee.score
-        for _ in range(20 * ways):
-            if score.is_over or score.way >= ways:
-                break
+        while not score.is_over and score.way < ways:
+            self.tick()
             # Those without their point; then those that have been moved away again.
             waiting = [name for name in self._blocks if name not in score.counted]
             for name in waiting or [name for name in self._blocks if score.on_peg.get(name) is None]:
-                side = 1 if self.block(name).position[0] > self.board.middle else -1
                 try:
-                    for peg in self.free_pegs(-side):
-                        if self._plan(self.block(name), side, peg) is not None:
-                            self.transfer(name, peg)
-                            break
-                    else:
-                        raise Failed(f"{name} can't be brought over")
+                    self._bring(name)
                 except Failed as error:
                     if verbose:
                         print(f"{score.time:6.1f} s: {error}")
-                    for arm in self.arms.values():
-                        self.set_jaw(arm, OPEN)
-                    self.wait(1.0)
+                    self._recover(verbose)
                 if verbose:
                     print(f"{score.time:6.1f} s: {name}: {score.points} points, {score.on_peg}")
         return score
@@ -425,15 +556,27 @@ def _rotated(vector: Array) -> Array:
 
 
 def scene(
-    resources: Path, seed: Optional[int], profile: str = "accurate", step: float = 0.005, ghosts: bool = False
+    resources: Path,
+    seed: Optional[int],
+    profile: str = "accurate",
+    step: float = 0.005,
+    ghosts: bool = False,
+    errors: bool = False,
 ) -> ambf.Simulation:
-    """The scene, with the blocks where the seed puts them. Without `ghosts`, which take the weight of what is between jaws, friction
-    alone holds the blocks.
+    """The scene, with its arms for CRTK clients and the blocks where the seed puts them. Without `ghosts`, which take the weight of
+    what is between jaws, friction alone holds the blocks. `errors`: joints have the errors of the seed, too.
     """
     folder = resources / "peg_transfer"
     models = [0, 1, 2, 3, 4, 5] if ghosts else [0, 1, 2, 4]
-    simulation = ambf.Simulation(launch_file=folder / "launch.yaml", indexes=models, profile=profile, step=step)
-    if seed is not None:
+    simulation = ambf.Simulation(
+        launch_file=folder / "launch.yaml",
+        indexes=models,
+        profile=profile,
+        step=step,
+        crtk=[folder / "crtk.yaml"],
+        seed=seed if errors else None,
+    )
+    if seed is not None and not errors:
         place_blocks(simulation, seed)
     return simulation
 
@@ -453,25 +596,68 @@ def place_blocks(simulation: ambf.Simulation, seed: int, board: Board = SYMMETRI
     simulation.set_state(poses=poses)
 
 
-def main(arguments: Optional[Sequence[str]] = None) -> None:
-    """Plays runs with several seeds, and prints a line of JSON for each."""
+def run(seed: int, options: argparse.Namespace) -> Score:
+    """A run with a seed."""
     from ambf_gym.scene import resources
 
-    parser = argparse.ArgumentParser(description="Plays the peg transfer by a script, in this process.")
+    simulation = scene(resources(), seed, options.profile, options.step, options.ghosts, options.errors)
+    score = Player(simulation, options.step).play(options.ways, options.verbose)
+    simulation.close()
+    return score
+
+
+def table(rows: Dict[str, List[Score]], most: int) -> str:
+    """Runs with many seeds; a row for each kind of them. `most`: points that there are."""
+    points = range(most, -1, -1)
+    head = (
+        f"| | runs | {' | '.join(f'{count} points' for count in points)} | last point, median, s | drops | hand-offs |"
+    )
+    lines = [head, "|---|--:" + "|--:" * (most + 4) + "|"]
+    for name, scores in rows.items():
+        counts = [sum(score.points == count for score in scores) for count in points]
+        times = [score.last_point for score in scores if score.points == most]
+        last = f"{np.median(times):.0f}" if times else "–"
+        sums = sum(score.drops for score in scores), sum(score.hand_offs for score in scores)
+        lines.append(f"| {name} | {len(scores)} | {' | '.join(map(str, counts))} | {last} | {sums[0]} | {sums[1]} |")
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> None:
+    """Plays runs with several seeds; prints a line of JSON for each and, with --table, how many have which points."""
+    parser = argparse.ArgumentParser(description="Plays the peg transfer by a script through CRTK, in this process.")
     parser.add_argument("--seeds", type=int, default=10, help="how many runs, with the seeds 0, 1, … [10]")
     parser.add_argument("--first", type=int, default=0, help="the first seed [0]")
     parser.add_argument("--ways", type=int, default=2, help="ways over and back [2]")
     parser.add_argument("--profile", default="accurate")
     parser.add_argument("--step", type=float, default=0.005, help="interval of an iteration, s [0.005]")
     parser.add_argument("--ghosts", action="store_true", help="load the ghosts of the fingers, too")
+    parser.add_argument("--errors", action="store_true", help="joints have the errors of the seed")
     parser.add_argument("--verbose", action="store_true", help="say how it goes")
+    parser.add_argument("--table", action="store_true", help="in the end a table: how many runs have how many points")
+    parser.add_argument(
+        "--page", type=Path, help="write the table, of runs without and with errors, between the markers of this file"
+    )
+    parser.add_argument("--jobs", type=int, default=1, help="runs at once, in processes [1]")
     options = parser.parse_args(arguments)
-    for seed in range(options.first, options.first + options.seeds):
-        simulation = scene(resources(), seed, options.profile, options.step, options.ghosts)
-        player = Player(simulation, options.step)
-        score = player.play(options.ways, options.verbose)
-        print(json.dumps({"seed": seed, **score.as_dict()}), flush=True)
-        simulation.close()
+    seeds = range(options.first, options.first + options.seeds)
+    kinds = [False, True] if options.page else [options.errors]
+    rows: Dict[str, List[Score]] = {}
+    with concurrent.futures.ProcessPoolExecutor(options.jobs, multiprocessing.get_context("spawn")) as pool:
+        for errors in kinds:
+            own = argparse.Namespace(**{**vars(options), "errors": errors})
+            scores = pool.map(run, seeds, itertools.repeat(own)) if options.jobs > 1 else (run(s, own) for s in seeds)
+            name = "joints with errors" if errors else "joints without errors"
+            rows[name] = []
+            for seed, score in zip(seeds, scores):
+                print(json.dumps({"seed": seed, "errors": errors, **score.as_dict()}), flush=True)
+                rows[name].append(score)
+    text = table(rows, 2 * options.ways)
+    if options.table or options.page:
+        print(text)
+    if options.page:
+        page = options.page.read_text()
+        before, _, rest = page.partition(MARKS[0])
+        options.page.write_text(before + MARKS[0] + text + MARKS[1] + rest.partition(MARKS[1])[2])
 
 
 if __name__ == "__main__":

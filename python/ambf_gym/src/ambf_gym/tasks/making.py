@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
-from typing import Any, Callable, Dict, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, Optional, Sequence, SupportsFloat, Tuple, Union
 
+import gymnasium
+import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
-from ..backend import Backend, Pixels
-from ..env import SimulatorEnv, Task
+from ..backend import Array, Backend, Pixels
+from ..env import Info, SimulatorEnv, Task
 from ..errors import InvalidDescription
 from ..scene import Scene
 
@@ -101,3 +103,60 @@ def make_backend(scene: Scene, chosen: Union[Backend, str], ros: Dict[str, Any])
     from ..in_process import InProcessBackend
 
     return InProcessBackend(scene)
+
+
+def is_shaped(reward: str) -> bool:
+    """Whether nearness has a reward, too. Raises InvalidDescription."""
+    if reward not in ("sparse", "shaped"):
+        raise InvalidDescription(f'reward={reward!r}: expected "sparse" or "shaped"')
+    return reward == "shaped"
+
+
+class GoalForm(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """A body is to be at the goal that the task draws, a position: observations are dicts with `observation`, `achieved_goal` and
+    `desired_goal`, as hindsight experience replay needs them (Andrychowicz et al. 2017).
+    """
+
+    def __init__(self, env: SimulatorEnv, body: str, near: float) -> None:
+        """`near`: distance that counts as there, m. Raises InvalidDescription where pictures are observed."""
+        super().__init__(env)
+        self._body, self._near = body, near
+        box = env.observation_space
+        if not isinstance(box, gymnasium.spaces.Box):
+            raise InvalidDescription("the goal form has no pictures")
+        goal = gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float64)
+        state = gymnasium.spaces.Box(box.low[:-3], box.high[:-3])
+        self.observation_space = gymnasium.spaces.Dict(
+            {"observation": state, "achieved_goal": goal, "desired_goal": goal}
+        )
+        self._simulator = env
+
+    def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None) -> Tuple[Any, Info]:
+        """See `SimulatorEnv.reset`."""
+        observation, info = self._simulator.reset(seed=seed, options=options)
+        return self._with_goals(observation), info
+
+    def step(self, action: Any) -> Tuple[Any, SupportsFloat, bool, bool, Info]:
+        """The reward is that of `compute_reward`; the episode ends when the body is there."""
+        observation, _, terminated, truncated, info = self._simulator.step(action)
+        goals = self._with_goals(observation)
+        reward = float(self.compute_reward(goals["achieved_goal"], goals["desired_goal"], info))
+        info["is_success"] = reward == 0.0
+        return goals, reward, terminated or info["is_success"], truncated and not info["is_success"], info
+
+    def compute_reward(self, achieved_goal: Array, desired_goal: Array, info: Any) -> Array:
+        """0 where the body is at its place, -1 elsewhere; (..., 3) m each."""
+        del info
+        away = np.linalg.norm(np.asarray(achieved_goal) - np.asarray(desired_goal), axis=-1)
+        reward: Array = -(away > self._near).astype(np.float64)
+        return reward
+
+    def _with_goals(self, observation: Any) -> Dict[str, Any]:
+        states = self._simulator.states
+        assert states is not None
+        achieved = states.bodies[self._body].position.copy()
+        return {
+            "observation": observation[:-3],
+            "achieved_goal": achieved,
+            "desired_goal": observation[-3:].astype(np.float64),
+        }

@@ -7,7 +7,7 @@ pegs of the left side, which are drawn for each episode.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Dict, List, Mapping, Optional, Sequence, SupportsFloat, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import gymnasium
 import numpy as np
@@ -16,11 +16,10 @@ from ambf_peg_transfer.arms import FINGERS, JOINTS, LOWER, UPPER
 from gymnasium.vector import VectorEnv
 
 from ..backend import POSITION, Array, BodyCommand, BodyState, Commands, States, plain
-from ..env import Info, SimulatorEnv, Task, Transition
-from ..errors import InvalidDescription
+from ..env import Info, Task, Transition
 from ..parts import DriveJoints, JointPositions, Limits, ObservationPart, Position, Rotation
 from ..scene import Scene
-from .making import makers
+from .making import GoalForm, is_shaped, makers
 
 SCENE = Scene(
     tuple(f"peg_transfer/{name}.yaml" for name in ("board", "camera_frame", "psm1", "psm2")),
@@ -64,6 +63,8 @@ class Jaw:
 
     body: str
     joints: Sequence[str] = FINGERS
+    at_rest: float = 0.5 * OPEN
+    """The angle while nobody says how far they are open."""
 
     def bounds(self, limits: Optional[Limits]) -> Tuple[Array, Array]:
         """Closed … open."""
@@ -78,9 +79,9 @@ class Jaw:
         self._put(float(values[0]), commands)
 
     def rest(self, states: States, commands: Commands) -> None:
-        """Half open."""
+        """As they are while nobody says it."""
         del states
-        self._put(0.5 * OPEN, commands)
+        self._put(self.at_rest, commands)
 
     def _put(self, angle: float, commands: Commands) -> None:
         command = commands.bodies.setdefault(self.body, BodyCommand())
@@ -205,70 +206,16 @@ def task(is_shaped: bool = True) -> Task:
     )
 
 
-class GoalForm(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """block1 is to be on a peg that is drawn: observations are dicts with `observation`, `achieved_goal` and `desired_goal`, as
-    hindsight experience replay needs them (Andrychowicz et al. 2017).
-    """
-
-    def __init__(self, env: SimulatorEnv) -> None:
-        super().__init__(env)
-        box = env.observation_space
-        if not isinstance(box, gymnasium.spaces.Box):
-            raise InvalidDescription("the goal form has no pictures")
-        goal = gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float64)
-        state = gymnasium.spaces.Box(box.low[:-3], box.high[:-3])
-        self.observation_space = gymnasium.spaces.Dict(
-            {"observation": state, "achieved_goal": goal, "desired_goal": goal}
-        )
-        self._simulator = env
-
-    def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None) -> Tuple[Any, Info]:
-        """See `SimulatorEnv.reset`."""
-        observation, info = self._simulator.reset(seed=seed, options=options)
-        return self._with_goals(observation), info
-
-    def step(self, action: Any) -> Tuple[Any, SupportsFloat, bool, bool, Info]:
-        """The reward is that of `compute_reward`; the episode ends when the block is there."""
-        observation, _, terminated, truncated, info = self._simulator.step(action)
-        goals = self._with_goals(observation)
-        reward = float(self.compute_reward(goals["achieved_goal"], goals["desired_goal"], info))
-        info["is_success"] = reward == 0.0
-        return goals, reward, terminated or info["is_success"], truncated and not info["is_success"], info
-
-    def compute_reward(self, achieved_goal: Array, desired_goal: Array, info: Any) -> Array:
-        """0 where block1 is at its place, -1 elsewhere; (..., 3) m each."""
-        del info
-        away = np.linalg.norm(np.asarray(achieved_goal) - np.asarray(desired_goal), axis=-1)
-        reward: Array = -(away > NEAR).astype(np.float64)
-        return reward
-
-    def _with_goals(self, observation: Any) -> Dict[str, Any]:
-        states = self._simulator.states
-        assert states is not None
-        achieved = states.bodies[block("block1")].position.copy()
-        return {
-            "observation": observation[:-3],
-            "achieved_goal": achieved,
-            "desired_goal": observation[-3:].astype(np.float64),
-        }
-
-
 def make_peg_transfer(reward: str = "shaped", goal_form: bool = False, **options: Any) -> gymnasium.Env[Any, Any]:
-    """The environment `ambf/PegTransfer-v0`. `reward`: "sparse", a point for each point of the referee, or "shaped". `goal_form`: see
-    `GoalForm`. Others as those of the other tasks.
+    """The environment `ambf/PegTransfer-v0`. `reward`: "sparse", a point for each point of the referee, or "shaped". `goal_form`:
+    block1 is to be on a peg that is drawn, see `GoalForm`. Others as those of the other tasks.
     """
-    make, _ = makers("PegTransfer", SCENE, task(_is_shaped(reward)))
+    make, _ = makers("PegTransfer", SCENE, task(is_shaped(reward)))
     env = make(**options)
-    return GoalForm(env) if goal_form else env
+    return GoalForm(env, block("block1"), NEAR) if goal_form else env
 
 
 def make_peg_transfer_vec(num_envs: int = 1, reward: str = "shaped", **options: Any) -> VectorEnv[Any, Any, Any]:
     """`num_envs` environments `ambf/PegTransfer-v0`, with the same options but for the goal form."""
-    _, make = makers("PegTransfer", SCENE, task(_is_shaped(reward)))
+    _, make = makers("PegTransfer", SCENE, task(is_shaped(reward)))
     return make(num_envs, **options)
-
-
-def _is_shaped(reward: str) -> bool:
-    if reward not in ("sparse", "shaped"):
-        raise InvalidDescription(f'reward={reward!r}: expected "sparse" or "shaped"')
-    return reward == "shaped"

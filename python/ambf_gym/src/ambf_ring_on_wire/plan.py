@@ -1,0 +1,142 @@
+"""How an arm holds the ring, and how it turns it on its way along the wire, so that it reaches all of it and touches nothing.
+
+The ring may turn about the wire: by that angle a way is chosen. NumPy alone is needed.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Dict, List, NamedTuple, Optional, Tuple
+
+import numpy as np
+from ambf_peg_transfer.arms import GAP, LOWER, UPPER, Array, about, inverse
+from ambf_peg_transfer.seeds import uniform
+
+from . import wire
+
+HUB = 0.0152
+"""From the ring's axis to the fingers' hinge, m: the rim is 8 mm from the hinge, within the pads of the jaws."""
+BASES: Dict[str, Tuple[Tuple[float, float, float], Tuple[float, float, float]]] = {
+    "psm1": ((0.1313066, 0.3967149, 0.8777097), (0.6974314, -0.5187393, -3.1391723)),
+}
+"""Where the arm of the scene stands: position, m, and roll, pitch, yaw about fixed axes, rad."""
+STATIONS, TURNS = 60, 72
+"""Of the way along the wire, and of the ring's turn about it, among which a way is sought."""
+MOST_TURNS = 2
+"""Between two stations the ring turns by so many of the steps at most."""
+APART = ((0.010, 0.0035), (HUB, 0.0035))
+"""Points of the fingers, from the ring's axis, and how far the wire has to be from them, m."""
+SHAFT = 0.0065
+"""How far the wire has to be from the axis of the instrument's shaft, m: its radius is 4.25 mm."""
+
+
+class Frame(NamedTuple):
+    """A frame in the world."""
+
+    position: Array
+    axes: Array
+
+
+def ring_at(along: float, turn: float) -> Frame:
+    """The ring around the wire: its z is along the wire, its x is where it is held."""
+    point, tangent = wire.at(along)
+    reference = np.array([0.0, 1.0, 0.0])
+    first = reference - (reference @ tangent) * tangent
+    first /= np.linalg.norm(first)
+    second = np.cross(tangent, first)
+    out = math.cos(turn) * first + math.sin(turn) * second
+    return Frame(point, np.column_stack((out, np.cross(tangent, out), tangent)))
+
+
+def tool_of(ring: Frame) -> Frame:
+    """The tool's yaw link that holds the ring at its x, the fingers pointing at its middle, their pads on its flat sides."""
+    out, axis = ring.axes[:, 0], -ring.axes[:, 2]
+    return Frame(ring.position + HUB * out, np.column_stack((axis, out, np.cross(axis, out))))
+
+
+@functools.cache
+def base(arm: str) -> Frame:
+    """Frame of an arm's base."""
+    position, (roll, pitch, yaw) = BASES[arm]
+    return Frame(np.array(position), about(2, yaw) @ about(1, pitch) @ about(0, roll))
+
+
+def joints(arm: str, tool: Frame) -> Optional[Array]:
+    """Joints for a place of the tool; None: out of reach, or beyond limits."""
+    stand = base(arm)
+    return inverse(stand.axes.T @ (tool.position - stand.position), stand.axes.T @ tool.axes)
+
+
+def _value(arm: str, along: float, turn: float) -> float:
+    """How far the joints are from their limits, as a share of their ranges; 0: it can't go there."""
+    ring = ring_at(along, turn)
+    tool = tool_of(ring)
+    q = joints(arm, tool)
+    if q is None:
+        return 0.0
+    near = [ring.position + far * ring.axes[:, 0] for far, _ in APART]
+    stand = base(arm)
+    hinge = tool.axes[:, 2]
+    level = tool.position - stand.position
+    level = level - (level @ hinge) * hinge
+    wrist = tool.position - GAP * level / np.linalg.norm(level)
+    back = (stand.position - wrist) / np.linalg.norm(stand.position - wrist)
+    shaft = [wrist + far * back for far in np.arange(0.0, 0.07, 0.004)]
+    needs = [*(need for _, need in APART), *([SHAFT] * len(shaft))]
+    if (wire.distances(np.array([*near, *shaft])) < needs).any():
+        return 0.0
+    return float(np.min(np.minimum(UPPER - q, q - LOWER) / (UPPER - LOWER)))
+
+
+@dataclass(frozen=True)
+class Ways:
+    """All ways to the end, from each place of the grid."""
+
+    alongs: Array
+    """(stations) m."""
+    turns: Array
+    """(turns) rad."""
+    costs: Array
+    """(stations x turns) to the end; infinite: there is no way."""
+    following: Array
+    """(stations x turns) index of the turn at the next station."""
+
+    def starts(self, most: float = math.inf) -> List[int]:
+        """Turns at the first station from which there is a way that costs at most so much."""
+        return [int(j) for j in np.nonzero(np.isfinite(self.costs[0]) & (self.costs[0] <= most))[0]]
+
+    def way(self, start: int) -> Array:
+        """(stations) turns, rad, that follow each other without a jump by a whole turn."""
+        index, turns = start, [float(self.turns[start])]
+        for station in range(len(self.alongs) - 1):
+            following = int(self.following[station, index])
+            step = (following - index + TURNS // 2) % TURNS - TURNS // 2
+            turns.append(turns[-1] + step * 2.0 * math.pi / TURNS)
+            index = following
+        return np.array(turns)
+
+
+@functools.cache
+def ways(arm: str = "psm1") -> Ways:
+    """By dynamic programming from the end: little turning, far from the joints' limits."""
+    alongs = np.linspace(wire.START, wire.LENGTH - wire.GOAL, STATIONS)
+    turns = 2.0 * math.pi * np.arange(TURNS) / TURNS
+    values = np.array([[_value(arm, along, turn) for turn in turns] for along in alongs])
+    with np.errstate(divide="ignore"):
+        own = np.where(values > 0.01, 0.05 / values, np.inf)
+    costs, following = own.copy(), np.zeros((STATIONS, TURNS), np.intp)
+    for station in range(STATIONS - 2, -1, -1):
+        steps = range(-MOST_TURNS, MOST_TURNS + 1)
+        onward = np.array([np.roll(costs[station + 1], -step) + 0.1 * step * step for step in steps])
+        best = np.argmin(onward, axis=0)
+        following[station] = (np.arange(TURNS) + best - MOST_TURNS) % TURNS
+        costs[station] = own[station] + onward[best, np.arange(TURNS)]
+    return Ways(alongs, turns, costs, following)
+
+
+def draw(seed: int, arm: str = "psm1") -> int:
+    """How the ring is held at the start, by a seed: a turn about the wire, index into `Ways.turns`, from which there is a way."""
+    starts = ways(arm).starts()
+    return starts[int(next(uniform(seed)) * len(starts))]
