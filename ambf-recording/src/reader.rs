@@ -49,7 +49,7 @@ pub enum RecordingError {
         why: String,
     },
     /// Error when the recording was made by a later version.
-    #[error("the recording has the format {0:?}, made by a later version; this one reads format {}", crate::FORMAT)]
+    #[error("the recording has the format {0:?}, made by a later version; this one reads format {known}", known = crate::FORMAT)]
     Format(String),
     /// Error when what it says about its scene is of no use.
     #[error("what the recording says about its scene is damaged: {0}")]

@@ -210,7 +210,7 @@ fn what_is_done_in_windows_and_through_the_hub_is_replayed() {
             let place = |simulation: &Simulation| {
                 let scene = simulation.scene();
                 let body = scene.bodies.iter().filter(|body| body.is_dynamic()).next_back().expect("a body");
-                scene.world.pose(body.handle).expect("a pose").translation.vector
+                body.pose(&scene.world).translation.vector
             };
             let origin = place(&simulation) + 5.0 * Vector3::z();
             link.post(WindowRequest::Pick { origin, direction: -Vector3::z() }).expect("room");
