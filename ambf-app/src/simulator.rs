@@ -10,6 +10,7 @@ use ambf_core::comm::{Middleware, Rates};
 use ambf_core::device::host::DeviceHost;
 use ambf_core::scene::{load_with_progress, Loaded, Progress, SceneFiles, SceneOptions, SceneReport};
 use ambf_core::sim::{Event, LossCause, Models, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
+use ambf_recording::{RecordError, Writer};
 use crossbeam_channel::RecvTimeoutError;
 use crtk::diagnostics::Board;
 use ros_node::OwnMaster;
@@ -48,6 +49,9 @@ pub enum SimulatorError {
     /// Error when windows are asked for and cannot be opened.
     #[error("{0}")]
     Windows(String),
+    /// Error when a recording is asked for and cannot be written.
+    #[error("--record: {0}")]
+    Record(#[from] RecordError),
     /// Error when the physics thread ended by itself: a bug.
     #[error("the physics thread ended unexpectedly; this is a bug, please report it with the lines above")]
     Physics,
@@ -59,7 +63,7 @@ impl SimulatorError {
     pub fn status(&self) -> i32 {
         match self {
             Self::Launch(_) => 255,
-            Self::Usage(_) => 2,
+            Self::Usage(_) | Self::Record(_) => 2,
             Self::Windows(_) | Self::Physics => 1,
         }
     }
@@ -82,12 +86,13 @@ pub fn run(options: &SimulatorOptions, arguments: RosArguments) -> Result<(), Si
     let begin = Instant::now();
     let has_windows = wants_windows != WindowsWanted::No;
     let arms = Board::default();
-    let (simulation, devices, load_report) = load_simulation(options, has_windows, &arms, &arguments)?;
+    let LoadedSimulation { simulation, devices, load_report, writer } =
+        load_simulation(options, has_windows, &arms, &arguments)?;
     if stop.load(Ordering::Acquire) {
         return Ok(());
     }
     print_summary(&simulation, begin.elapsed());
-    let wanted = Wanted { windows: wants_windows, load_report, arms };
+    let wanted = Wanted { windows: wants_windows, load_report, arms, writer };
     let outcome = serve(simulation, devices, options, wanted, arguments, &stop);
     report!("stopped");
     outcome
@@ -101,12 +106,21 @@ fn time_step(options: &SimulatorOptions) -> String {
     }
 }
 
+/// What runs.
+struct LoadedSimulation {
+    simulation: Simulation,
+    devices: DeviceHost,
+    load_report: String,
+    /// Of the recording, if one is asked for.
+    writer: Option<Writer>,
+}
+
 fn load_simulation(
     options: &SimulatorOptions,
     has_windows: bool,
     arms: &Board,
     arguments: &RosArguments,
-) -> Result<(Simulation, DeviceHost, String), SimulatorError> {
+) -> Result<LoadedSimulation, SimulatorError> {
     let physics = launch::physics(&options.physics).map_err(SimulatorError::Usage)?;
     let (launch, problems) = launch::read_strict(&options.launch_file)?;
     let (files, skipped) = launch::scene_files(Some(&launch), None, &options.model_files, &options.model_indexes);
@@ -128,7 +142,9 @@ fn load_simulation(
     print_report(&found, options.verbose);
     let sub_step = scene.sub_step.unwrap_or(DEFAULT_SUB_STEP);
     let mut simulation = Simulation::new(scene, sub_step);
-    let (host, said) = devices::open(&launch, options, &mut simulation);
+    let record = |path: &PathBuf| Writer::start(path, &mut simulation, "ambf_simulator", false);
+    let writer = options.record.as_ref().map(record).transpose()?;
+    let (devices, said) = devices::open(&launch, options, &mut simulation);
     said.iter().for_each(|line| report!("{line}"));
     let crtk = plugins::CrtkFiles {
         files: &options.crtk,
@@ -138,7 +154,7 @@ fn load_simulation(
         seed: options.seed.map(u64::from),
     };
     plugins::load(&mut simulation, &launch.plugins, &options.plugins, crtk, options.verbose);
-    Ok((simulation, host, found.to_string()))
+    Ok(LoadedSimulation { simulation, devices, load_report: found.to_string(), writer })
 }
 
 /// Loads a scene; while that takes long, a line says every now and then how far it is.
@@ -166,6 +182,7 @@ struct Wanted {
     load_report: String,
     /// Arms that are offered to CRTK clients.
     arms: Board,
+    writer: Option<Writer>,
 }
 
 fn print_report(found: &SceneReport, verbose: bool) {
@@ -204,7 +221,7 @@ fn serve(
     mut simulation: Simulation,
     mut devices: DeviceHost,
     options: &SimulatorOptions,
-    wanted: Wanted,
+    mut wanted: Wanted,
     arguments: RosArguments,
     stop: &AtomicBool,
 ) -> Result<(), SimulatorError> {
@@ -266,14 +283,27 @@ fn serve(
         #[cfg(feature = "pictures")]
         cameras,
     };
-    let outcome = Windows::start(wanted.windows, parts, &devices)
-        .and_then(|mut windows| follow(&runner, &mut devices, &extras.devices, &mut windows, ros.as_ref(), stop));
+    let outcome = Windows::start(wanted.windows, parts, &devices).and_then(|mut windows| {
+        let mut followed = Followed { devices: &mut devices, reports: &extras.devices, writer: wanted.writer.as_mut() };
+        follow(&runner, &mut followed, &mut windows, ros.as_ref(), stop)
+    });
     let simulation = runner.stop();
     devices.stop().iter().for_each(|line| report!("{line}"));
     if let Some(mut simulation) = simulation {
         plugins::close(&mut simulation);
         if options.verbose {
             report_solver(&simulation.take_solver_statistics());
+        }
+    }
+    // The simulation is gone, and with it the end of the recording that it wrote to.
+    if let Some(mut writer) = wanted.writer {
+        let told = writer.problem();
+        told.iter().for_each(|problem| warn!("{problem}"));
+        let summary = writer.finish();
+        match summary.problem {
+            Some(problem) if told.is_none() => warn!("{problem}"),
+            Some(_) => (),
+            None => report!("recorded {} updates in {}", summary.updates, summary.file.display()),
         }
     }
     if let Some(ros) = &mut ros {
@@ -374,11 +404,17 @@ fn slow(cost: f64, period: f64) -> String {
     )
 }
 
+/// What is looked after while the simulation runs.
+struct Followed<'a> {
+    devices: &'a mut DeviceHost,
+    reports: &'a DeviceReports,
+    writer: Option<&'a mut Writer>,
+}
+
 /// Prints what the physics thread has to say until the program should end.
 fn follow(
     runner: &Runner,
-    devices: &mut DeviceHost,
-    reports: &DeviceReports,
+    Followed { devices, reports, writer }: &mut Followed<'_>,
     windows: &mut Windows,
     ros: Option<&RosMiddleware>,
     stop: &AtomicBool,
@@ -391,6 +427,9 @@ fn follow(
             report!("{}", devices.line(news));
         }
         windows.show_devices(devices, &news);
+        if let Some(problem) = writer.as_mut().and_then(|writer| writer.problem()) {
+            warn!("{problem}");
+        }
         if !devices.is_empty() {
             reports.set(devices.status());
         }

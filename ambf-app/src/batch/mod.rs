@@ -17,10 +17,12 @@ use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use ambf_core::adf::{Launch, PluginEntry};
 use ambf_core::bullet::SolverStatistics;
 use ambf_core::files::{self, WriteError};
 use ambf_core::scene::{load, Loaded, SceneOptions};
-use ambf_core::sim::{LostState, Nearness, Simulation};
+use ambf_core::sim::{LostState, Nearness, ReplayError, Simulation};
+use ambf_recording::{RecordError, RecordingError, Replay, ReplayFailure, Step, Writer};
 use thiserror::Error;
 
 use outputs::Outputs;
@@ -55,6 +57,18 @@ pub enum BatchError {
     /// Error when the state became non-finite or implausible.
     #[error(transparent)]
     Lost(#[from] LostState),
+    /// Error when a recording cannot be written.
+    #[error("--record: {0}")]
+    Record(#[from] RecordError),
+    /// Error when a recording has ended before the run was over.
+    #[error("--record: {0}")]
+    RecordingEnded(String),
+    /// Error when a recording cannot be read.
+    #[error("--replay: {0}")]
+    Recording(#[from] RecordingError),
+    /// Error when a recording cannot be replayed, or the replay is another motion.
+    #[error("--replay: {0}")]
+    Replay(#[from] ReplayFailure),
     /// Error when SIGINT or SIGTERM ended a run with plugins or files, after they were closed. Without these it ends the
     /// program at once.
     #[error("interrupted")]
@@ -62,11 +76,14 @@ pub enum BatchError {
 }
 
 impl BatchError {
-    /// Exit status of the program: 1 usage, 2 loading or writing, 3 non-finite, 130 interrupted.
+    /// Exit status of the program: 1 usage, 2 loading or writing, 3 non-finite, 4 a replay that differs from its recording,
+    /// 130 interrupted.
     pub fn status(&self) -> i32 {
         match self {
             Self::Usage(_) => 1,
-            Self::Load(_) | Self::Commands(_) | Self::Write(_) => 2,
+            Self::Load(_) | Self::Commands(_) | Self::Write(_) | Self::Record(_) | Self::RecordingEnded(_) => 2,
+            Self::Replay(ReplayFailure::Replay { error: ReplayError::Differs { .. }, .. }) => 4,
+            Self::Recording(_) | Self::Replay(_) => 2,
             #[cfg(feature = "pictures")]
             Self::Pictures(PictureError::Camera(_) | PictureError::Twice(_)) => 1,
             #[cfg(feature = "pictures")]
@@ -156,7 +173,17 @@ impl Summary {
 /// [`BatchError`].
 pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, BatchError> {
     let begin = Instant::now();
-    let (mut simulation, incomplete) = load_scene(options, warn)?;
+    let mut replay = options.replay.as_ref().map(|wanted| Replay::open(&wanted.file)).transpose()?;
+    let LoadedScene { mut simulation, incomplete, plugins: listed } = match &mut replay {
+        Some(replay) => load_recording(options, replay, warn)?,
+        None => load_scene(options, warn)?,
+    };
+    let writer =
+        options.record.as_ref().map(|path| Writer::start(path, &mut simulation, "ambf_batch", true)).transpose()?;
+    if replay.is_none() {
+        // Recorded, too: what plugins do while they begin is a part of the start.
+        plugins::load(&mut simulation, &listed, &options.plugins, plugins::CrtkFiles::default(), false);
+    }
     let names = unique_names(&simulation);
     let commands = match &options.commands {
         Some(path) => {
@@ -167,16 +194,28 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         }
         None => Commands::default(),
     };
-    let mut outputs = Outputs::create(options, &mut simulation, names)?;
+    let plan = Plan::new(options, replay.as_ref());
+    let mut outputs = Outputs::create(options, &plan, &mut simulation, names)?;
     let load = begin.elapsed();
 
     let stop = (simulation.has_plugins() || !outputs.is_empty()).then(process::stop_flag);
     let cpu_before = cpu_seconds();
     let mut cost = Cost::default();
-    let outcome = step(options, &mut simulation, &commands, &mut outputs, stop.as_deref(), &mut cost);
+    let mut run = Run {
+        plan,
+        simulation: &mut simulation,
+        commands: &commands,
+        outputs: &mut outputs,
+        stop: stop.as_deref(),
+        cost: &mut cost,
+    };
+    let outcome = run.all(replay.as_mut());
     plugins::close(&mut simulation);
     let cpu_s = cpu_seconds() - cpu_before;
-    let mut problems = outcome.err().into_iter().chain(outputs.finish());
+    simulation.stop_recording();
+    let steps = *outcome.as_ref().unwrap_or(&0);
+    let recorded = writer.and_then(|writer| writer.finish().problem).map(BatchError::RecordingEnded);
+    let mut problems = outcome.err().into_iter().chain(outputs.finish()).chain(recorded);
     if let Some(first) = problems.next() {
         problems.for_each(|problem| report!("{problem}"));
         return Err(first);
@@ -186,7 +225,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         warn!("{warning}");
     }
     Ok(Summary {
-        steps: options.steps,
+        steps,
         sim_s: simulation.sim_time(),
         load,
         wall: cost.wall,
@@ -225,52 +264,161 @@ struct Cost {
     tail: (Duration, u64),
 }
 
-/// Makes all steps, or as many as come before `stop`.
-fn step(
-    options: &BatchOptions,
-    simulation: &mut Simulation,
-    commands: &Commands,
-    outputs: &mut Outputs,
-    stop: Option<&AtomicBool>,
-    cost: &mut Cost,
-) -> Result<(), BatchError> {
-    commands.apply(simulation, 0);
-    for step in 0..=options.steps {
-        if step > 0 {
-            let begin = Instant::now();
-            simulation.iterate(options.dt).map_err(|error| name_command(error, commands, simulation))?;
-            let took = begin.elapsed();
-            cost.wall += took;
-            if step > options.steps - options.steps / 4 {
-                cost.tail = (cost.tail.0 + took, cost.tail.1 + 1);
-            }
-        }
-        outputs.write(simulation, step)?;
-        if step > 0 {
-            let begin = Instant::now();
-            commands.apply(simulation, step);
-            cost.wall += begin.elapsed();
-        }
-        if simulation.has_plugins() {
-            plugins::say(simulation);
-        }
-        if stop.is_some_and(|stop| stop.load(Ordering::Acquire)) {
-            return Err(BatchError::Interrupted);
-        }
-    }
-    Ok(())
+/// How many steps are made, and how.
+#[derive(Debug, Clone, Copy)]
+struct Plan {
+    /// Of a recording.
+    replayed: u64,
+    /// Simulated time at which a recording is left, s.
+    leave_at: f64,
+    /// With commands of the user.
+    own: u64,
+    /// Interval of the latter, s.
+    dt: f64,
+    /// Interval of all, in the mean, s.
+    mean_dt: f64,
 }
 
-fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simulation, bool), BatchError> {
-    let physics = launch::physics(&options.physics).map_err(BatchError::Usage)?;
-    let launch = match options.needs_launch_file() {
-        // A launch file without devices or colours is fine here.
-        true => {
-            let loaded = ambf_core::adf::load(&options.launch_file);
-            Some(loaded.map_err(|error| BatchError::Load(format!("launch file {error}")))?.0)
+impl Plan {
+    fn new(options: &BatchOptions, replay: Option<&Replay>) -> Self {
+        let dt = options.dt;
+        let (Some(replay), Some(wanted)) = (replay, &options.replay) else {
+            return Self { replayed: 0, leave_at: 0.0, own: options.steps, dt, mean_dt: dt };
+        };
+        let mean_dt = if replay.mean_interval() > 0.0 { replay.mean_interval() } else { dt };
+        match wanted.continue_at {
+            Some(leave_at) => {
+                Self { replayed: replay.updates(), leave_at, own: wanted.steps.unwrap_or(0), dt, mean_dt }
+            }
+            None => {
+                let replayed = wanted.steps.unwrap_or(u64::MAX).min(replay.updates());
+                Self { replayed, leave_at: f64::INFINITY, own: 0, dt, mean_dt }
+            }
         }
-        false => None,
-    };
+    }
+
+    fn steps(&self) -> u64 {
+        self.replayed.saturating_add(self.own)
+    }
+}
+
+/// What a run works with.
+struct Run<'a> {
+    plan: Plan,
+    simulation: &'a mut Simulation,
+    commands: &'a Commands,
+    outputs: &'a mut Outputs,
+    stop: Option<&'a AtomicBool>,
+    cost: &'a mut Cost,
+}
+
+impl Run<'_> {
+    /// Makes all steps, or as many as come before it is stopped; how many were made.
+    fn all(&mut self, replay: Option<&mut Replay>) -> Result<u64, BatchError> {
+        let mut made = 0;
+        if let Some(replay) = replay {
+            self.outputs.write(self.simulation, 0)?;
+            made = self.follow(replay)?;
+            if self.plan.own == 0 {
+                return Ok(made);
+            }
+        }
+        self.step(made)
+    }
+
+    /// Replays a recording, until it is over or left; how many steps were made.
+    fn follow(&mut self, replay: &mut Replay) -> Result<u64, BatchError> {
+        let (mut made, mut lost) = (0, None);
+        while made < self.plan.replayed && self.simulation.sim_time() < self.plan.leave_at {
+            let begin = Instant::now();
+            let step = replay.step(self.simulation)?;
+            self.count(made + 1, begin.elapsed());
+            match step {
+                Step::Update => {
+                    lost = None;
+                    made += 1;
+                    self.outputs.write(self.simulation, made)?;
+                }
+                Step::Lost(problem) => {
+                    made += 1;
+                    lost = Some(problem);
+                }
+                Step::End => break,
+            }
+            self.look_up()?;
+        }
+        if made == self.plan.replayed && self.plan.leave_at.is_infinite() && made == replay.updates() {
+            // What stands behind the last step: its hash.
+            replay.step(self.simulation)?;
+        }
+        lost.map_or(Ok(made), |lost| Err(lost.into()))
+    }
+
+    /// Makes steps with the user's commands, after `before` others; how many there are in all.
+    fn step(&mut self, before: u64) -> Result<u64, BatchError> {
+        self.commands.apply(self.simulation, 0);
+        for step in 0..=self.plan.own {
+            if step > 0 {
+                let begin = Instant::now();
+                let outcome = self.simulation.iterate(self.plan.dt);
+                outcome.map_err(|error| name_command(error, self.commands, self.simulation))?;
+                self.count(before + step, begin.elapsed());
+            }
+            if step > 0 || before == 0 {
+                self.outputs.write(self.simulation, before + step)?;
+            }
+            if step > 0 {
+                let begin = Instant::now();
+                self.commands.apply(self.simulation, step);
+                self.cost.wall += begin.elapsed();
+            }
+            if self.simulation.has_plugins() {
+                plugins::say(self.simulation);
+            }
+            self.look_up()?;
+        }
+        Ok(before + self.plan.own)
+    }
+
+    fn count(&mut self, step: u64, took: Duration) {
+        let steps = self.plan.steps();
+        self.cost.wall += took;
+        if step > steps - steps / 4 {
+            self.cost.tail = (self.cost.tail.0 + took, self.cost.tail.1 + 1);
+        }
+    }
+
+    fn look_up(&self) -> Result<(), BatchError> {
+        match self.stop.is_some_and(|stop| stop.load(Ordering::Acquire)) {
+            true => Err(BatchError::Interrupted),
+            false => Ok(()),
+        }
+    }
+}
+
+fn load_recording(
+    options: &BatchOptions,
+    replay: &mut Replay,
+    warn: impl FnOnce(&str),
+) -> Result<LoadedScene, BatchError> {
+    let tolerant = options.replay.as_ref().is_some_and(|wanted| wanted.changed_files);
+    let (simulation, report) = replay.load(tolerant)?;
+    warn(report.to_string().trim_end());
+    Ok(LoadedScene { simulation, incomplete: report.errors() > 0, plugins: Vec::new() })
+}
+
+/// A loaded scene.
+struct LoadedScene {
+    simulation: Simulation,
+    /// Elements had to be dropped.
+    incomplete: bool,
+    /// Plugins that the launch file lists.
+    plugins: Vec<PluginEntry>,
+}
+
+fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<LoadedScene, BatchError> {
+    let physics = launch::physics(&options.physics).map_err(BatchError::Usage)?;
+    let launch = read_launch(options)?;
     let (files, missing) =
         launch::scene_files(launch.as_ref(), options.world.as_deref(), &options.model_files, &options.model_indexes);
     if let Some(problem) = missing.into_iter().next() {
@@ -281,10 +429,20 @@ fn load_scene(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<(Simula
         return Err(BatchError::Load(report.to_string().trim_end().to_owned()));
     }
     warn(report.to_string().trim_end());
-    let mut simulation = Simulation::new(scene, options.dt);
-    let listed = launch.as_ref().map(|launch| launch.plugins.as_slice()).unwrap_or_default();
-    plugins::load(&mut simulation, listed, &options.plugins, plugins::CrtkFiles::default(), false);
-    Ok((simulation, report.errors() > 0))
+    Ok(LoadedScene {
+        simulation: Simulation::new(scene, options.dt),
+        incomplete: report.errors() > 0,
+        plugins: launch.map(|launch| launch.plugins).unwrap_or_default(),
+    })
+}
+
+/// The launch file, if it has to be read. One without devices or colours is fine.
+fn read_launch(options: &BatchOptions) -> Result<Option<Launch>, BatchError> {
+    if !options.needs_launch_file() {
+        return Ok(None);
+    }
+    let loaded = ambf_core::adf::load(&options.launch_file);
+    Ok(Some(loaded.map_err(|error| BatchError::Load(format!("launch file {error}")))?.0))
 }
 
 /// Names the line of the command file with the last command of the lost body, or of the nearest to it.

@@ -5,7 +5,7 @@ use ambf_core::sim::Simulation;
 
 #[cfg(feature = "pictures")]
 use super::Pictures;
-use super::{BatchError, EnergyWriter, TraceWriter};
+use super::{BatchError, EnergyWriter, Plan, TraceWriter};
 use crate::cli::BatchOptions;
 
 /// All files of a run. What fails to be written is given up; the rest is completed, also when the run ends early.
@@ -21,8 +21,13 @@ pub(super) struct Outputs {
 
 impl Outputs {
     /// Begins what `options` ask for. `names` are those of the bodies.
-    pub fn create(options: &BatchOptions, simulation: &mut Simulation, names: Vec<String>) -> Result<Self, BatchError> {
-        let mut outputs = Self { every: options.every, last: options.steps, ..Self::default() };
+    pub fn create(
+        options: &BatchOptions,
+        plan: &Plan,
+        simulation: &mut Simulation,
+        names: Vec<String>,
+    ) -> Result<Self, BatchError> {
+        let mut outputs = Self { every: options.every, last: plan.steps(), ..Self::default() };
         if let Some(prefix) = &options.trace {
             outputs.trace = Some(TraceWriter::create(prefix, simulation, names, options.full)?);
         }
@@ -31,7 +36,7 @@ impl Outputs {
         }
         #[cfg(feature = "pictures")]
         if let Some(wanted) = &options.pictures {
-            outputs.pictures = Some(Pictures::create(wanted, simulation, options.dt)?);
+            outputs.pictures = Some(Pictures::create(wanted, simulation, plan.mean_dt)?);
         }
         #[cfg(not(feature = "pictures"))]
         if options.pictures.is_some() {

@@ -39,10 +39,28 @@ pub struct BatchOptions {
     pub json: bool,
     /// Solver and profile.
     pub physics: PhysicsOptions,
+    /// Recording to write; `None`: none.
+    pub record: Option<PathBuf>,
+    /// Recording to replay instead of stepping a scene; `None`: step.
+    pub replay: Option<ReplayOptions>,
     /// Pictures to take; `None`: none.
     pub pictures: Option<PictureOptions>,
     /// Files to check instead of stepping; `None`: step.
     pub check: Option<CheckOptions>,
+}
+
+/// What is replayed, and how far.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReplayOptions {
+    /// The recording.
+    pub file: PathBuf,
+    /// Simulated time, s, from which commands of the user are followed instead of the recording; `None`: all of it is
+    /// replayed.
+    pub continue_at: Option<f64>,
+    /// Whether files of the scene may have changed; default: `false`.
+    pub changed_files: bool,
+    /// Steps at most: of the recording or, with `continue_at`, after it; `None`: all of the recording.
+    pub steps: Option<u64>,
 }
 
 /// Which pictures are taken, and where they go. There is a folder or a video at least.
@@ -84,6 +102,15 @@ impl BatchOptions {
                     "error: unexpected argument '{file}': only --check takes files without an option (try --help)",
                     file = file.display()
                 ))),
+                _ if arguments.replay.is_some() && arguments.continue_at.is_none() && arguments.commands.is_some() => {
+                    let problem = "error: --commands needs --continue-at when something is replayed (try --help)";
+                    Err(CliError::Usage(problem.into()))
+                }
+                _ if arguments.replay.is_some() && arguments.describes_a_scene() => {
+                    let problem = "error: --replay takes scene, physics and plugins from the recording: leave --world, --plugins and \
+                                   the options of physics out (try --help)";
+                    Err(CliError::Usage(problem.into()))
+                }
                 _ if !arguments.render.is_empty() && arguments.out.is_none() && arguments.video.is_none() => {
                     let problem = "error: --render needs --out DIR for files, or --video FILE (try --help)";
                     Err(CliError::Usage(problem.into()))
@@ -115,11 +142,11 @@ impl BatchOptions {
 struct Arguments {
     /// Models to load: indexes into the launch file's list, from 0
     #[arg(short = 'l', long = "load_multibodies", value_name = "INDEX,…", value_parser = strict_indexes)]
-    #[arg(required_unless_present_any = ["check", "model_files"], help_heading = "Scene")]
+    #[arg(required_unless_present_any = ["check", "model_files", "replay"], conflicts_with = "replay", help_heading = "Scene")]
     model_indexes: Option<List<usize>>,
     /// Model files to load, before those of -l
     #[arg(short = 'a', long = "load_multibody_files", value_name = "FILE,…", value_parser = strict_paths)]
-    #[arg(help_heading = "Scene")]
+    #[arg(conflicts_with = "replay", help_heading = "Scene")]
     model_files: Option<List<PathBuf>>,
     /// Launch file [default: launch.yaml in $AMBF_ROOT_PATH/ambf_models/descriptions, $AMBF_RESOURCES or resources]
     #[arg(long = "launch_file", value_name = "FILE", help_heading = "Scene")]
@@ -136,11 +163,24 @@ struct Arguments {
 
     /// Number of steps
     #[arg(long, value_name = "N", value_parser = steps, help_heading = "Time")]
-    #[arg(required_unless_present = "check")]
+    #[arg(required_unless_present_any = ["check", "replay"])]
     steps: Option<u64>,
     /// Length of a step, s
     #[arg(long, value_name = "SECONDS", default_value = "0.001", value_parser = positive, help_heading = "Time")]
     dt: f64,
+
+    /// Write a recording, from which the run can be made again
+    #[arg(long, value_name = "FILE", help_heading = "Recordings")]
+    record: Option<PathBuf>,
+    /// Replay a recording instead of stepping a scene; --steps then says how many steps at most
+    #[arg(long, value_name = "FILE", help_heading = "Recordings")]
+    replay: Option<PathBuf>,
+    /// Replay up to this simulated time, then make --steps steps with --commands, whose steps count from there
+    #[arg(long, value_name = "SECONDS", requires_all = ["replay", "steps"], value_parser = positive, help_heading = "Recordings")]
+    continue_at: Option<f64>,
+    /// Replay also when files of the scene have changed since
+    #[arg(long, requires = "replay", help_heading = "Recordings")]
+    changed_files: bool,
 
     /// Write PREFIX_bodies.csv, PREFIX_joints.csv and PREFIX_softnodes.csv
     #[arg(long, value_name = "PREFIX", help_heading = "Output")]
@@ -228,6 +268,10 @@ fn strict_paths(text: &str) -> Result<List<PathBuf>, String> {
 }
 
 impl Arguments {
+    fn describes_a_scene(&self) -> bool {
+        self.world.is_some() || self.plugins.is_some() || self.physics != PhysicsOptions::default()
+    }
+
     fn into_options(self) -> BatchOptions {
         let launch_file = self.launch_file.unwrap_or_else(launch_file::default);
         let model_files = self.model_files.map(|list| list.0).unwrap_or_default();
@@ -235,6 +279,12 @@ impl Arguments {
         let check = self.check.then(|| CheckOptions {
             world: self.world.clone(),
             ..CheckOptions::new(self.files, model_files.clone(), model_indexes.clone(), launch_file.clone(), self.json)
+        });
+        let replay = self.replay.map(|file| ReplayOptions {
+            file,
+            continue_at: self.continue_at,
+            changed_files: self.changed_files,
+            steps: self.steps,
         });
         let pictures = (!self.render.is_empty()).then_some(PictureOptions {
             cameras: self.render,
@@ -262,6 +312,8 @@ impl Arguments {
             full: self.full,
             json: self.json,
             physics: self.physics,
+            record: self.record,
+            replay,
             pictures,
             check,
         }
@@ -302,6 +354,8 @@ mod tests {
             full: false,
             json: false,
             physics: PhysicsOptions::default(),
+            record: None,
+            replay: None,
             pictures: None,
             check: None,
         };
@@ -337,6 +391,8 @@ mod tests {
                 sleep: Some(true),
                 articulated: Some(false),
             },
+            record: None,
+            replay: None,
             pictures: None,
             check: None,
         };
@@ -415,6 +471,28 @@ mod tests {
                 Err(error) => assert!(error.to_string().contains(part), "{line}: {error}"),
                 other => panic!("{line} gave {other:?}"),
             }
+        }
+    }
+
+    #[test]
+    fn recordings_are_written_and_replayed() {
+        assert_eq!(run("-l 1 --steps 1 --record a.mcap").record, Some("a.mcap".into()));
+        let replay = |line: &str| run(line).replay.expect("a replay");
+        let expected = ReplayOptions { file: "a.mcap".into(), continue_at: None, changed_files: false, steps: None };
+        assert_eq!(replay("--replay a.mcap"), expected);
+        let expected = ReplayOptions { continue_at: Some(2.5), changed_files: true, steps: Some(7), ..expected };
+        let line = "--replay a.mcap --continue-at 2.5 --steps 7 --commands c --changed-files";
+        assert_eq!(replay(line), expected);
+        for (line, part) in [
+            ("--replay a -l 1", "cannot be used"),
+            ("--replay a --world w", "--world"),
+            ("--replay a --profile legacy", "physics"),
+            ("--replay a --continue-at 1", "--steps"),
+            ("--replay a --commands c", "--continue-at"),
+            ("-l 1 --steps 1 --continue-at 1", "--replay"),
+        ] {
+            let error = parse(line).expect_err(line).to_string();
+            assert!(error.contains(part), "{line}: {error}");
         }
     }
 

@@ -10,7 +10,7 @@ mod launch_file;
 mod simulator;
 mod values;
 
-pub use batch::{BatchOptions, PictureOptions};
+pub use batch::{BatchOptions, PictureOptions, ReplayOptions};
 pub use simulator::{DeviceSelection, PublishFrequency, RosVersions, SimulatorOptions};
 
 use std::path::PathBuf;

@@ -64,6 +64,8 @@ pub struct SimulatorOptions {
     pub verbose: bool,
     /// Solver and profile.
     pub physics: PhysicsOptions,
+    /// Recording to write; `None`: none.
+    pub record: Option<PathBuf>,
     /// Files to check instead of simulating; `None`: simulate.
     pub check: Option<CheckOptions>,
     /// Whether to say what this machine can do, instead of simulating; default: `false`.
@@ -288,6 +290,10 @@ struct Arguments {
     #[command(flatten)]
     physics: PhysicsOptions,
 
+    /// Write a recording, from which the run can be made again
+    #[arg(long, value_name = "FILE", help_heading = "Recordings")]
+    record: Option<PathBuf>,
+
     /// Print more about loading and running
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, help_heading = None)]
     #[arg(default_value = "false", default_missing_value = "true", value_parser = boolean, hide_default_value = true)]
@@ -364,6 +370,7 @@ impl Arguments {
             end_master: self.end_master,
             verbose: self.verbose,
             physics: self.physics,
+            record: self.record,
             check,
             doctor: self.doctor,
         }

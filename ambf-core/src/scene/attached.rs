@@ -115,6 +115,7 @@ impl SceneObject for Camera {
             },
             set: Scene::set_camera_parameters,
             parameters: Inbox::default(),
+            is_new: false,
         }))
     }
 
@@ -208,6 +209,7 @@ impl SceneObject for Light {
             },
             set: Scene::set_light_parameters,
             parameters: Inbox::default(),
+            is_new: false,
         }))
     }
 

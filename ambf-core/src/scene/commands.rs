@@ -22,6 +22,11 @@ pub(crate) trait Commands: Send + Sync {
 
     /// The [`Inbox`] of what is executed.
     fn inbox(&mut self) -> &mut dyn Any;
+
+    /// The [`Inbox`] of parameters that were set by the latest [`fetch`](Self::fetch), if any were.
+    fn new_parameters(&mut self) -> Option<&mut dyn Any> {
+        None
+    }
 }
 
 /// Commands `C` of the object `id`.
@@ -71,6 +76,8 @@ pub(super) struct WithParameters<I, C, P> {
     /// A sentence when something that the parameters name is not found.
     pub set: fn(&mut Scene, I, &P) -> Result<(), String>,
     pub parameters: Inbox<P>,
+    /// The parameters came with the latest fetch.
+    pub is_new: bool,
 }
 
 impl<I, C, P> Commands for WithParameters<I, C, P>
@@ -85,7 +92,8 @@ where
     }
 
     fn fetch(&mut self, channel: &Channel, order: u64, scene: &mut Scene, notices: &mut Vec<String>) -> bool {
-        if self.parameters.fetch(P::mailbox(channel), order) {
+        self.is_new = self.parameters.fetch(P::mailbox(channel), order);
+        if self.is_new {
             notices.extend((self.set)(scene, self.commands.id, self.parameters.command()).err());
         }
         self.commands.fetch(channel, order, scene, notices)
@@ -101,5 +109,9 @@ where
 
     fn inbox(&mut self) -> &mut dyn Any {
         self.commands.inbox()
+    }
+
+    fn new_parameters(&mut self) -> Option<&mut dyn Any> {
+        self.is_new.then_some(&mut self.parameters as &mut dyn Any)
     }
 }

@@ -126,6 +126,7 @@ pub fn load_with_progress(files: &SceneFiles, options: &SceneOptions, progress: 
         JointCoordinates::ReducedByProfile
     };
     let mut scene = empty_scene(world, options, has_soft_bodies, joints, &mut notes);
+    scene.files = files.clone();
     let meshes = CollisionMeshes::new();
     let models: Vec<_> = models.into_iter().map(|model| PlannedModel::for_scene(model, &scene)).collect();
     preload(&meshes, &models, progress);
@@ -199,6 +200,11 @@ impl PreparedModel {
         let (meshes, model) = (CollisionMeshes::new(), PlannedModel::new(model));
         preload(&meshes, std::slice::from_ref(&model), &Progress::default());
         Ok(Self { model, meshes, report })
+    }
+
+    /// The file that was read.
+    pub fn file(&self) -> &Path {
+        &self.description().file
     }
 
     /// What was read.

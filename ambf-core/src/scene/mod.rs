@@ -38,6 +38,7 @@ mod soft_body;
 mod states;
 mod targets;
 mod tool;
+mod used_files;
 mod vehicle;
 mod visuals;
 mod volume;
@@ -211,6 +212,8 @@ pub struct Scene {
     /// [`description`](Self::description). Nothing here loads them.
     pub plugins: Vec<DeclaredPlugins>,
     options: SceneOptions,
+    /// What it was loaded from.
+    files: SceneFiles,
     /// For each body its active joints; see [`active_joints`](Self::active_joints).
     active_joints: Table<BodyId, Vec<JointId>>,
     /// Models by key.
@@ -261,6 +264,7 @@ impl Scene {
             description,
             plugins: Vec::new(),
             options: options.clone(),
+            files: SceneFiles::default(),
             active_joints: Table::default(),
             model_names: NameMap::default(),
             joint_names: NameMap::default(),
@@ -315,8 +319,14 @@ impl Scene {
             kinematic_bodies: _,
             description: _,
             options: _,
+            files: _,
         } = self;
         (world, joints, gravity)
+    }
+
+    /// The files and options that it was loaded with.
+    pub fn origin(&self) -> (&SceneFiles, &SceneOptions) {
+        (&self.files, &self.options)
     }
 
     /// The objects that have a State and a Command, the world first.

@@ -12,7 +12,7 @@ use crate::adf::{Gains, Limits};
 use crate::ids::{BodyId, JointId};
 
 /// What to change. Whatever is not named stays.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ParameterChange {
     /// Masses, kg, above 0, of bodies that have one. Moments of inertia change in proportion unless they are given.
     pub masses: Vec<(BodyId, f64)>,

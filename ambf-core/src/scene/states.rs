@@ -14,7 +14,7 @@ use crate::ids::{BodyId, JointId, Table};
 
 /// What to set of the state of a scene. Mechanisms of which nothing is set stay as they are; in the others every joint keeps its
 /// coordinate and rate, and every root its pose and velocity, unless they are set.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct StateChange {
     /// Coordinates of joints, rad or m. Those that follow from others, because they are coupled to them or close a loop, are checked
     /// only; coupled ones follow.

@@ -1,21 +1,28 @@
 //! What commands do, and the physics thread's end of the hub.
 
+use std::any::Any;
+use std::borrow::Cow;
 use std::cmp::Reverse;
 use std::sync::Arc;
 use std::time::Instant;
 
 use ambf_volume::Carved;
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 use super::physics::Physics;
+use super::session::Entry;
 use super::{LostState, Nearness, Reset, Simulation};
+use crate::adf::ObjectType;
 use crate::comm::{
-    Activity, ActuatorCommand, CarveCommand, Channel, Cut, Hub, HubIndex, HubObject, Inbox, JointCommandType,
-    ObjectKind, ObjectList, Resets, RigidBodyCommand, Snapshot, SnapshotWriter, Timing, VehicleCommand, VolumeCommand,
-    Wrench,
+    Activity, ActuatorCommand, CarveCommand, Channel, Command, Cut, Hub, HubIndex, HubObject, Inbox, JointCommandType,
+    ObjectKind, ObjectList, PoseCommand, Resets, RigidBodyCommand, Snapshot, SnapshotWriter, Timing, VehicleCommand,
+    VolumeCommand, Wrench,
 };
-use crate::ids::{ActuatorId, BodyId, SoftBodyId, Table, VehicleId, VolumeId};
-use crate::scene::{Commands, Scene, VolumeError};
+use crate::ids::{ActuatorId, BodyId, CameraId, LightId, SoftBodyId, Table, VehicleId, VolumeId};
+use crate::plugin::ObjectId;
+use crate::scene::{
+    Commands, ParameterChange, ParameterError, Scene, SetStateError, StateChange, VolumeError,
+};
 
 /// The physics thread's end of the hub.
 pub(super) struct Link {
@@ -226,14 +233,21 @@ impl Link {
     }
 
     /// Takes what waits in the mailboxes.
-    fn fetch(&mut self, scene: &mut Scene, notices: &mut Vec<String>) {
+    fn fetch(&mut self, physics: &mut Physics, notices: &mut Vec<String>) {
         let Self { hub, objects, slots, commanded, rank, arrivals, .. } = self;
         let order = hub.running_order();
         objects.take_pending(|object| {
             if objects[object].is_removed() {
                 return;
             }
-            if slots[object.0].fetch(&objects[object].channel, order, scene, notices) {
+            let slot = &mut slots[object.0];
+            let is_new = slot.fetch(&objects[object].channel, order, &mut physics.scene, notices);
+            if let (Slot::Other(commands), Some(id)) = (slot, objects[object].info.kind.object()) {
+                if let Some(entry) = commands.new_parameters().and_then(|parameters| entry_of(id, parameters)) {
+                    physics.note(&entry);
+                }
+            }
+            if is_new {
                 note_commanded(commanded, rank, object);
                 arrivals.note(object);
             }
@@ -251,11 +265,44 @@ impl Link {
                 Slot::Idle => (),
                 Slot::Body(index, inbox) => {
                     inbox.check_watchdog(now);
+                    physics.note(&body_entry(*index, inbox.command()));
                     physics.command_body(*index, inbox.command());
                 }
-                Slot::Other(commands) => commands.execute(now, &mut physics.scene, notices),
+                Slot::Other(commands) => {
+                    commands.execute(now, &mut physics.scene, notices);
+                    let object = self.objects[object].info.kind.object();
+                    if let Some(entry) = object.and_then(|object| entry_of(object, commands.inbox())) {
+                        physics.note(&entry);
+                    }
+                }
             }
         }
+    }
+}
+
+fn body_entry(body: BodyId, command: &RigidBodyCommand) -> Entry<'_> {
+    Entry::Body { body: body.index(), command: Cow::Borrowed(command) }
+}
+
+/// The entry of what is in force for an object, or of its parameters; `None` for what does nothing.
+fn entry_of(object: ObjectId, inbox: &mut dyn Any) -> Option<Entry<'_>> {
+    fn command<C: Command>(inbox: &mut dyn Any) -> Option<Cow<'_, C>>
+    where
+        C: Clone + 'static,
+    {
+        inbox.downcast_ref::<Inbox<C>>().map(|inbox| Cow::Borrowed(inbox.command()))
+    }
+    let index = object.index;
+    match object.kind {
+        ObjectType::Camera | ObjectType::Light if inbox.is::<Inbox<PoseCommand>>() => {
+            command(inbox).map(|command| Entry::Pose { object, command })
+        }
+        ObjectType::Camera => command(inbox).map(|parameters| Entry::Camera { camera: index, parameters }),
+        ObjectType::Light => command(inbox).map(|parameters| Entry::Light { light: index, parameters }),
+        ObjectType::SoftBody => command(inbox).map(|command| Entry::SoftBody { soft: index, command }),
+        ObjectType::Actuator => command(inbox).map(|command| Entry::Actuator { actuator: index, command }),
+        ObjectType::Vehicle => command(inbox).map(|command| Entry::Vehicle { vehicle: index, command }),
+        _ => None,
     }
 }
 
@@ -275,7 +322,7 @@ impl Simulation {
     pub(super) fn execute_commands(&mut self) -> Result<(), LostState> {
         self.execute_volume_orders();
         let Some(link) = &mut self.link else { return Ok(()) };
-        link.fetch(&mut self.physics.scene, &mut self.notices);
+        link.fetch(&mut self.physics, &mut self.notices);
         link.execute(&mut self.physics, &mut self.notices);
         if link.commanded.is_empty() {
             return Ok(());
@@ -342,22 +389,26 @@ impl Simulation {
 
     /// Applies a whole command to a body; it acts in the next update.
     pub fn command_body(&mut self, body: BodyId, command: &RigidBodyCommand) {
+        self.physics.note(&body_entry(body, command));
         self.physics.command_body(body, command);
     }
 
     /// Applies a command to the `index`-th active joint of a body: effort (N·m, N), position (rad, m) or velocity
     /// (rad/s, m/s). False when there is no such joint or the value is not finite.
     pub fn command_joint(&mut self, body: BodyId, index: usize, kind: JointCommandType, value: f64) -> bool {
+        self.physics.note(&Entry::Joint { body: body.index(), index, kind, value });
         self.physics.command_joint(body, index, kind, value)
     }
 
     /// Applies a whole command to a vehicle; it acts in the next update.
     pub fn command_vehicle(&mut self, vehicle: VehicleId, command: &VehicleCommand) {
+        self.physics.note(&Entry::Vehicle { vehicle: vehicle.index(), command: Cow::Borrowed(command) });
         self.physics.scene.command_vehicle(vehicle, command);
     }
 
     /// Executes a command of an actuator: it fixes a body to its parent, or releases it. A sentence when what the command names is not there.
     pub fn command_actuator(&mut self, actuator: ActuatorId, command: &ActuatorCommand) -> Option<String> {
+        self.physics.note(&Entry::Actuator { actuator: actuator.index(), command: Cow::Borrowed(command) });
         self.physics.scene.command_actuator(actuator, command)
     }
 
@@ -443,12 +494,52 @@ impl Simulation {
         let Scene { soft_bodies, world, .. } = &mut self.physics.scene;
         let handle = soft_bodies[soft].handle;
         let node = world.nearest_node(handle, point, radius)?;
-        world.pull_node(handle, node, Some(goal)).then_some(node)
+        self.drag_soft_node(soft, node, Some(goal)).then_some(node)
     }
 
     /// Moves the goal of a picked node, or releases it.
-    pub fn drag_soft_node(&mut self, soft: SoftBodyId, node: usize, goal: Option<Vector3<f64>>) {
-        self.physics.scene.world.pull_node(self.physics.scene.soft_bodies[soft].handle, node, goal);
+    pub fn drag_soft_node(&mut self, soft: SoftBodyId, node: usize, goal: Option<Vector3<f64>>) -> bool {
+        self.physics.note(&Entry::PickNode { soft: soft.index(), node, goal });
+        self.pull_soft_node(soft, node, goal)
+    }
+
+    /// [`drag_soft_node`](Self::drag_soft_node) as part of something else.
+    pub(super) fn pull_soft_node(&mut self, soft: SoftBodyId, node: usize, goal: Option<Vector3<f64>>) -> bool {
+        let Scene { soft_bodies, world, .. } = &mut self.physics.scene;
+        world.pull_node(soft_bodies[soft].handle, node, goal)
+    }
+
+    /// Sets a state; it acts in the next update.
+    ///
+    /// # Errors
+    /// [`SetStateError`]; nothing has changed then.
+    pub(super) fn set_state(&mut self, change: &StateChange) -> Result<(), SetStateError> {
+        self.physics.scene.set_state(change)?;
+        self.physics.note(&Entry::State { change: Cow::Borrowed(change) });
+        Ok(())
+    }
+
+    /// Changes masses, surfaces, limits, gains, gravity, colours.
+    ///
+    /// # Errors
+    /// [`ParameterError`]; nothing has changed then.
+    pub(super) fn set_parameters(&mut self, change: &ParameterChange) -> Result<(), ParameterError> {
+        self.physics.scene.set_parameters(change)?;
+        self.physics.note(&Entry::Parameters { change: Cow::Borrowed(change) });
+        if !change.colors.is_empty() {
+            self.show_changed_looks();
+        }
+        Ok(())
+    }
+
+    /// Puts a camera or a light at a pose in its parent's frame.
+    pub(super) fn place(&mut self, object: ObjectId, pose: Isometry3<f64>) {
+        self.physics.note(&Entry::Place { object, pose });
+        match object.kind {
+            ObjectType::Camera => self.physics.scene.cameras[CameraId::new(object.index)].attached.pose = pose,
+            ObjectType::Light => self.physics.scene.lights[LightId::new(object.index)].attached.pose = pose,
+            _ => (),
+        }
     }
 
     /// Adds a force (N) at the centre of mass and a torque (N·m), world axes, for the next update.
@@ -518,7 +609,7 @@ impl Simulation {
     /// they are settings.
     pub(super) fn forget_commands_before(&mut self, time: Instant) {
         let Some(link) = &mut self.link else { return };
-        link.fetch(&mut self.physics.scene, &mut self.notices);
+        link.fetch(&mut self.physics, &mut self.notices);
         // Of those of volumes the later ones wait on, in order.
         let orders: Vec<_> = std::iter::from_fn(|| link.hub.take_volume_order()).collect();
         for (_, volume, command) in orders.into_iter().filter(|(came, ..)| *came >= time) {

@@ -6,12 +6,13 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Vector3};
 
 use super::physics::Physics;
+use super::session::{recorded_path, Entry, Recorder};
 use super::Simulation;
 use crate::adf;
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use crate::control::Profile;
 use crate::device::host::{BodyState, CameraSum, Controls, DeviceHost, Followed, Hand, PhysicsEnd};
-use crate::device::law::{joint_target, Drive, EffectorInput, EffectorOutput, EndEffector, Grip};
+use crate::device::law::{joint_target, Drive, EffectorInput, EffectorOutput, EndEffector, GainChange, Grip};
 use crate::ids::{BodyId, CameraId, JointId, SensorId, Table};
 use crate::scene::{EndEffectorParts, PreparedEndEffector, Scene};
 
@@ -23,6 +24,8 @@ pub(super) struct Devices {
     nominal_dt: f64,
     paused: bool,
     resets: u64,
+    /// The switch as it was noted last.
+    noted_assist: Option<bool>,
 }
 
 /// A device and what it moves.
@@ -42,6 +45,8 @@ struct Coupled {
     sensors: Vec<SensorId>,
     /// Paired cameras.
     cameras: Vec<CameraId>,
+    /// What the device told when that was noted last.
+    noted: Option<Hand>,
 }
 
 impl Coupled {
@@ -58,6 +63,34 @@ impl Coupled {
             joints: Vec::new(),
             sensors: Vec::new(),
             cameras: Vec::new(),
+            noted: None,
+        }
+    }
+
+    /// Entry of the device itself.
+    fn entry(&self) -> Entry<'static> {
+        let adf::InputDevice { source, identifier, .. } = &self.entry;
+        Entry::Device { file: recorded_path(&source.file), line: source.line.into(), name: identifier.clone() }
+    }
+
+    /// Notes what the device, the `index`-th, tells, as far as that is new.
+    fn note_hand(&mut self, index: usize, hand: &Hand, physics: &mut Physics) {
+        if physics.recorder.is_none() {
+            return;
+        }
+        let bits = |hand: &Hand| {
+            let pose = hand.reference;
+            let [a, b, c] = pose.translation.vector.into();
+            let [d, e, f, g] = pose.rotation.coords.into();
+            [a, b, c, d, e, f, g, hand.gripper].map(f64::to_bits)
+        };
+        let before = self.noted.replace(*hand);
+        if before.is_none_or(|before| bits(&before) != bits(hand)) {
+            physics.note(&Entry::Hand { device: index, reference: hand.reference, gripper: hand.gripper });
+        }
+        let (ticks, moved) = hand.cameras.parts();
+        if before.map_or(0, |before| before.cameras.parts().0) != ticks {
+            physics.note(&Entry::HandCameras { device: index, ticks, moved });
         }
     }
 
@@ -179,15 +212,22 @@ impl Devices {
     /// Drives all end-effectors in the update of `physics` that has begun.
     fn drive(&mut self, physics: &mut Physics, notices: &mut Vec<String>) {
         let switches = self.controls.switches();
-        for device in self.list.iter_mut().filter(|device| device.is_there) {
+        if physics.recorder.is_some()
+            && self.noted_assist.replace(switches.gripping_assist) != Some(switches.gripping_assist)
+        {
+            physics.note(&Entry::Assist { on: switches.gripping_assist });
+        }
+        for (index, device) in self.list.iter_mut().enumerate().filter(|(_, device)| device.is_there) {
             let Coupled { law, followed, .. } = device;
             followed.catch_up(&self.controls, |change| {
+                physics.note(&Entry::Gain { device: index, quantity: change.quantity as u8, step: change.step });
                 if let Some(value) = law.change(change) {
                     let (name, label) = (&device.entry.identifier, change.quantity.label());
                     notices.push(format!("{name}: {label} = {value:.4}"));
                 }
             });
             let hand = *device.end.hand.read();
+            device.note_hand(index, &hand, physics);
             device.move_cameras(&mut physics.scene, &hand);
             let Scene { bodies, world, .. } = &physics.scene;
             let root = &bodies[device.parts.root];
@@ -217,40 +257,77 @@ impl Simulation {
         let mut said = Vec::new();
         for (index, entry) in host.waiting() {
             let place = format!("{}: device `{}`", entry.source, entry.identifier);
-            let added =
-                PreparedEndEffector::read(&entry).and_then(|prepared| self.physics.scene.add_end_effector(prepared));
-            let (parts, notes) = match added {
-                Ok(added) => added,
+            let controls = Arc::clone(host.controls());
+            match self.add_device(entry, &controls, |pose| host.couple(index, pose)) {
+                Ok(notes) => said.extend(notes),
                 Err(why) => {
                     said.push(format!("{place} is left out: {why}"));
                     host.release(index);
-                    continue;
                 }
-            };
-            said.extend(notes);
-            said.extend(
-                self.physics.scene.paired_cameras(&entry.pair_cameras).1.iter().map(|why| format!("{place}: {why}")),
-            );
-            let added_model = parts.model;
-            let device = Coupled::new(entry, host.couple(index, parts.initial_pose), parts);
-            let devices = self.devices.get_or_insert_with(|| {
-                Box::new(Devices {
-                    list: Vec::new(),
-                    controls: Arc::clone(host.controls()),
-                    nominal_dt: self.physics.sub_step,
-                    paused: false,
-                    resets: 0,
-                })
-            });
-            devices.list.push(device);
-            self.grow();
-            if let Some(link) = &mut self.link {
-                // The actuator that grips has no State.
-                link.hub.add_objects(self.physics.scene.objects_of(|model| Some(model) == added_model));
-                link.follow_scene(&self.physics.scene, &self.physics.wrenches);
             }
         }
         said
+    }
+
+    /// Builds or finds the end-effector of a device; what was dropped, replaced or guessed. `couple` gets the pose that its
+    /// root link starts from, body frame in the world.
+    ///
+    /// # Errors
+    /// Why there is none; the scene is as it was.
+    pub(super) fn add_device(
+        &mut self,
+        entry: adf::InputDevice,
+        controls: &Arc<Controls>,
+        couple: impl FnOnce(Isometry3<f64>) -> PhysicsEnd,
+    ) -> Result<Vec<String>, String> {
+        let place = format!("{}: device `{}`", entry.source, entry.identifier);
+        let prepared = PreparedEndEffector::read(&entry)?;
+        let (parts, notes) = self.physics.scene.add_end_effector(prepared)?;
+        let mut said: Vec<String> = notes.into_iter().collect();
+        said.extend(
+            self.physics.scene.paired_cameras(&entry.pair_cameras).1.iter().map(|why| format!("{place}: {why}")),
+        );
+        let added_model = parts.model;
+        let device = Coupled::new(entry, couple(parts.initial_pose), parts);
+        self.physics.note(&device.entry());
+        let nominal_dt = self.physics.sub_step;
+        let devices = self.devices.get_or_insert_with(|| {
+            Box::new(Devices {
+                list: Vec::new(),
+                controls: Arc::clone(controls),
+                nominal_dt,
+                paused: false,
+                resets: 0,
+                noted_assist: None,
+            })
+        });
+        devices.list.push(device);
+        self.grow();
+        if let Some(link) = &mut self.link {
+            // The actuator that grips has no State.
+            link.hub.add_objects(self.physics.scene.objects_of(|model| Some(model) == added_model));
+            link.follow_scene(&self.physics.scene, &self.physics.wrenches);
+        }
+        Ok(said)
+    }
+
+    /// Notes the devices that there are at the beginning of a recording.
+    pub(super) fn note_devices(&mut self, recorder: &mut Recorder) {
+        let Some(devices) = &mut self.devices else { return };
+        devices.list.iter().for_each(|device| recorder.note(&device.entry()));
+        recorder.note(&Entry::Period { period: devices.nominal_dt });
+        devices.noted_assist = None;
+        devices.list.iter_mut().for_each(|device| device.noted = None);
+    }
+
+    /// Changes a gain of the `device`-th device as its user did; false if there is no such device.
+    pub(super) fn change_device_gain(&mut self, device: usize, change: GainChange) -> bool {
+        let Some(coupled) = self.devices.as_mut().and_then(|devices| devices.list.get_mut(device)) else {
+            return false;
+        };
+        self.physics.note(&Entry::Gain { device, quantity: change.quantity as u8, step: change.step });
+        coupled.law.change(change);
+        true
     }
 
     /// Finds the parts of end-effectors in a scene that has changed.
@@ -263,8 +340,14 @@ impl Simulation {
 
     /// Says how often updates are made, Hz: for gains that shrink in longer steps.
     pub(super) fn set_nominal_frequency(&mut self, frequency: f64) {
+        self.set_device_period(1.0 / frequency);
+    }
+
+    /// Says how long an update is meant to be, s.
+    pub(super) fn set_device_period(&mut self, period: f64) {
         if let Some(devices) = &mut self.devices {
-            devices.nominal_dt = 1.0 / frequency;
+            self.physics.note(&Entry::Period { period });
+            devices.nominal_dt = period;
         }
     }
 

@@ -169,9 +169,7 @@ impl Simulation {
             return Err("no states are kept: switch that on first".into());
         };
         let Some(state) = history.nearest(time) else { return Err("no states are kept yet".into()) };
-        let cameras = self.physics.scene.cameras.clone();
-        self.restore(&state).map_err(|error| error.to_string())?;
-        *self.physics.scene.cameras = cameras;
+        self.restore_keeping(&state, true).map_err(|error| error.to_string())?;
         self.recording.jumped = true;
         Ok(state.sim_time())
     }

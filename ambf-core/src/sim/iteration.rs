@@ -8,6 +8,7 @@
 
 use std::time::SystemTime;
 
+use super::session::Entry;
 use super::{LostState, Reset, Simulation};
 use crate::plugin::run::Phase;
 
@@ -91,9 +92,11 @@ impl Simulation {
         self.execute_posted();
         self.physics.begin_update(interval);
         self.drive_devices();
+        self.physics.note(&Entry::Update { iteration: self.physics.time.iteration, interval });
         self.physics.step();
         self.physics.stamp = self.is_listened_to().then(SystemTime::now);
         self.physics.observe();
+        self.physics.note_hash();
         self.check_state()?;
         self.tell_cuts();
         self.tell_devices();

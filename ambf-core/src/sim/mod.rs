@@ -12,6 +12,7 @@ mod physics;
 mod plugins;
 mod runner;
 mod saved;
+mod session;
 mod slices;
 mod statistics;
 mod step_pool;
@@ -26,6 +27,9 @@ pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
 pub use nearness::Nearness;
 pub use runner::{Control, Event, Runner, RunnerOptions};
 pub use saved::SavedState;
+pub use session::{
+    recorder, CodeError, Entry, Recorder, ReplayError, Replayed, Replayer, StartError, Tap, Unpacker, HASH_INTERVAL,
+};
 pub use slices::request_short_slices;
 pub use step_pool::{Batch, StepPool, Stepped, Steps};
 pub use stepper::{Stepper, StepperState, StepperWindow};
@@ -274,6 +278,7 @@ impl Simulation {
         if self.check_state().is_err() {
             return self.reset_world_asked(Instant::now());
         }
+        self.physics.note(&Entry::ResetBodies {});
         self.physics.reset_bodies();
         self.reset_devices();
         Reset::Bodies
@@ -290,7 +295,8 @@ impl Simulation {
     /// [`reset_world`](Self::reset_world) that was asked for at `asked`: commands that came later stay.
     fn reset_world_asked(&mut self, asked: Instant) -> Reset {
         self.forget_commands_before(asked);
-        self.release_picked();
+        self.physics.note(&Entry::ResetWorld {});
+        self.let_go();
         self.release_plugins_before(asked);
         self.physics.reset();
         self.reset_devices();

@@ -6,6 +6,7 @@ use std::time::Duration;
 use crossbeam_channel::{bounded, Receiver, Sender};
 use thiserror::Error;
 
+use super::session::{recorded_path, Entry};
 use super::Simulation;
 use crate::adf::Severity;
 use crate::scene::{Note, PreparedModel};
@@ -117,6 +118,11 @@ impl Simulation {
         self.requests.as_ref().is_some_and(|requests| !requests.0.is_empty()) || self.window_is_waiting()
     }
 
+    /// Does what windows and holders of [`Models`] have asked for, for callers that step a simulation themselves.
+    pub fn serve_requests(&mut self) {
+        self.do_requested_changes();
+    }
+
     /// Physics thread: does what was asked for; true if the scene has changed. Costs next to nothing when nothing was.
     pub(super) fn do_requested_changes(&mut self) -> bool {
         let mut changed = self.serve_window();
@@ -147,6 +153,7 @@ impl Simulation {
     /// # Errors
     /// [`ModelError::Nothing`]; the scene is as before.
     pub fn add_model(&mut self, mut prepared: PreparedModel) -> Result<AddedModel, ModelError> {
+        self.physics.note(&Entry::AddModel { file: recorded_path(prepared.file()) });
         let mut report = std::mem::take(&mut prepared.report);
         let (index, notes) = self.physics.scene.add_model(prepared);
         let incomplete = report.errors() > 0 || notes.iter().any(|note: &Note| note.severity > Severity::Warning);
@@ -179,6 +186,7 @@ impl Simulation {
         // What plugins have left for objects of the model may not reach the same model when it is added again.
         self.execute_posted();
         self.end_model_plugins(model);
+        self.physics.note(&Entry::RemoveModel { key: self.physics.scene.models[model].key.clone() });
         self.release_picked_of(|scene, held| scene.model_of(held) == Some(model));
         self.physics.scene.remove_model(model);
         self.grow();

@@ -4,6 +4,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use nalgebra::Vector3;
 
+use super::session::{Entry, Recorder, SinceStart, HASH_INTERVAL};
 use super::targets::ActiveTargets;
 use crate::bullet::PlausibleBounds;
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand, Snapshot, Timing, Wrench};
@@ -55,6 +56,8 @@ pub(super) struct Physics {
     pub joint_buffer: Vec<f64>,
     pub wrenches: Table<BodyId, Wrench>,
     pub targets: ActiveTargets,
+    pub recorder: Option<Box<Recorder>>,
+    pub since_start: SinceStart,
 }
 
 impl Physics {
@@ -75,6 +78,8 @@ impl Physics {
             joint_buffer: Vec::new(),
             wrenches: Table::default(),
             targets: ActiveTargets::default(),
+            recorder: None,
+            since_start: SinceStart::default(),
             scene,
         };
         physics.grow();
@@ -89,6 +94,25 @@ impl Physics {
         self.joint_buffer.resize(self.scene.world.constraints().len(), 0.0);
         if self.scene.has_feedback {
             self.wrenches.grow(self.scene.bodies.len(), Wrench::default());
+        }
+        if let Some(recorder) = &mut self.recorder {
+            recorder.grow(&self.scene);
+        }
+    }
+
+    /// Notes what is about to change the motion: every such change passes here, once, before it is made.
+    pub fn note(&mut self, entry: &Entry<'_>) {
+        self.since_start.note(entry);
+        if let Some(recorder) = &mut self.recorder {
+            recorder.note(entry);
+        }
+    }
+
+    /// Notes what the state is after an update, now and then.
+    pub fn note_hash(&mut self) {
+        let Time { iteration, sim_time, .. } = self.time;
+        if let (Some(recorder), true) = (&mut self.recorder, iteration.is_multiple_of(HASH_INTERVAL)) {
+            recorder.note_hash(&self.scene, iteration, sim_time);
         }
     }
 
@@ -112,6 +136,9 @@ impl Physics {
 
     /// Lets `seconds` of simulated time pass in which nothing moves.
     pub fn lose_time(&mut self, seconds: f64) {
+        if seconds != 0.0 {
+            self.note(&Entry::LoseTime { seconds });
+        }
         self.time.lost_time += seconds;
         self.time.pass(seconds);
     }
@@ -241,6 +268,7 @@ impl Physics {
 
     /// Takes the latest update back in the count of updates and in time, after a reset: it is about to be made anew.
     pub fn uncount_update(&mut self) {
+        self.note(&Entry::Again {});
         let Time { sim_time, iteration, lost_time, .. } = self.time_before;
         self.time = Time { sim_time, iteration, lost_time, ..self.time };
     }

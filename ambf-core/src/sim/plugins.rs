@@ -8,6 +8,7 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Vector3};
 
 use super::physics::{Physics, Time};
+use super::session::Entry;
 use super::Simulation;
 use crate::adf::{node_text, PluginEntry, SourcePos};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, Ray, RayTarget};
@@ -214,6 +215,21 @@ impl Simulation {
     /// Collects what plugins have said in threads of their own.
     pub(super) fn hear_plugins(&mut self) {
         self.with_plugins(|_, _| ());
+    }
+
+    /// Does what a plugin did; `begins`: while it was loaded.
+    pub(super) fn act_as_plugin(&mut self, plugin: u64, begins: bool, command: &Command) {
+        self.plugin_state.begins = begins;
+        let mut access = SceneAccess { physics: &mut self.physics, state: &mut self.plugin_state };
+        access.act_as(plugin);
+        // It may have failed when it was recorded, too.
+        let _ = access.execute(command);
+        self.plugin_state.begins = false;
+    }
+
+    /// Releases what a plugin holds, as when it is closed.
+    pub(super) fn release_plugin(&mut self, plugin: u64) {
+        SceneAccess { physics: &mut self.physics, state: &mut self.plugin_state }.release(plugin);
     }
 
     /// Executes what plugins have left since the step before.
@@ -444,6 +460,7 @@ impl Access for SceneAccess<'_> {
     }
 
     fn release(&mut self, plugin: u64) {
+        self.physics.note(&Entry::PluginGone { plugin });
         self.state.detach_where(&mut self.physics.scene, |attachment| attachment.plugin == plugin);
         self.state.first_attachments.retain(|attachment| attachment.plugin != plugin);
     }
@@ -557,6 +574,12 @@ impl Access for SceneAccess<'_> {
     fn execute(&mut self, command: &Command) -> Result<u64, CommandError> {
         if !command.is_finite() {
             return Err(CommandError::NotFinite);
+        }
+        let asks_loop =
+            matches!(command, Command::ResetWorld | Command::ResetBodies | Command::Pause(_) | Command::Step(_));
+        if !asks_loop {
+            let (plugin, begins) = (self.state.caller, self.state.begins);
+            self.physics.note(&Entry::Plugin { plugin, begins, command: *command });
         }
         match *command {
             Command::Wrench { body, force, torque } => {

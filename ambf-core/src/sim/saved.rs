@@ -3,6 +3,7 @@
 use super::commands::{Link, SavedCommands};
 use super::physics::{Physics, Time};
 use super::plugins::Attachment;
+use super::session::Entry;
 use super::targets::ActiveTargets;
 use super::window::Picking;
 use super::Simulation;
@@ -29,6 +30,8 @@ pub struct SavedState {
     targets: ActiveTargets,
     attachments: Vec<Attachment>,
     devices: Vec<EndEffector>,
+    /// The recording that ran, and how many entries it had.
+    recorded: Option<(u64, u64)>,
 }
 
 impl std::fmt::Debug for SavedState {
@@ -89,6 +92,9 @@ impl Simulation {
             joint_buffer: _,
             wrenches,
             targets,
+            recorder,
+            // Recordings begin at the start or after a reset, not at a saved state.
+            since_start: _,
         } = physics;
         Ok(SavedState {
             scene: scene.save()?,
@@ -100,6 +106,7 @@ impl Simulation {
             targets: targets.clone(),
             attachments: plugin_state.save(),
             devices: devices.as_ref().map(|devices| devices.save()).unwrap_or_default(),
+            recorded: recorder.as_ref().map(|recorder| recorder.position()),
         })
     }
 
@@ -111,8 +118,16 @@ impl Simulation {
     /// [`StateError::Changed`] when models or devices were added or removed since; [`StateError::TooLarge`]. Nothing
     /// has changed then.
     pub fn restore(&mut self, saved: &SavedState) -> Result<(), StateError> {
+        self.restore_keeping(saved, false)
+    }
+
+    /// [`restore`](Self::restore), which leaves cameras where they are if `keep_cameras`.
+    pub(super) fn restore_keeping(&mut self, saved: &SavedState, keep_cameras: bool) -> Result<(), StateError> {
+        let cameras = keep_cameras.then(|| self.physics.scene.cameras.clone());
         let physics = &mut self.physics;
         physics.scene.restore(&saved.scene)?;
+        self.note_restored(saved, keep_cameras);
+        let physics = &mut self.physics;
         (physics.time, physics.time_before) = (saved.time, saved.time_before);
         physics.wrenches.clone_from(&saved.wrenches);
         physics.targets.restore(&saved.targets);
@@ -121,13 +136,32 @@ impl Simulation {
         }
         // Whoever held something then does not any more.
         self.picking.clone_from(&saved.picking);
-        self.release_picked();
+        self.let_go();
         self.plugin_state.restore(&saved.attachments);
         if let Some(devices) = &mut self.devices {
             devices.restore(&saved.devices);
         }
+        if let Some(cameras) = cameras {
+            *self.physics.scene.cameras = cameras;
+        }
         self.tell_devices();
         Ok(())
+    }
+
+    fn note_restored(&mut self, saved: &SavedState, keep_cameras: bool) {
+        let Some(recorder) = &self.physics.recorder else { return };
+        match saved.recorded {
+            Some((id, position)) if id == recorder.position().0 => {
+                self.physics.note(&Entry::Restore { position, keep_cameras, sim_time: saved.sim_time() });
+            }
+            _ => {
+                self.physics.recorder = None;
+                self.notices.push(
+                    "the recording has ended: the simulation went back to a state from before the recording, which a replay cannot do"
+                        .into(),
+                );
+            }
+        }
     }
 }
 
@@ -235,8 +269,18 @@ mod tests {
 
     /// What a state holds beside Bullet's memory and the clocks that go on.
     fn beside_bullet(state: &SavedState) -> String {
-        let SavedState { scene, time, time_before: _, wrenches, commands, picking, targets, attachments, devices } =
-            state;
+        let SavedState {
+            scene,
+            time,
+            time_before: _,
+            wrenches,
+            commands,
+            picking,
+            targets,
+            attachments,
+            devices,
+            recorded: _,
+        } = state;
         let Time { sim_time: _, since_start, interval, dt, iteration: _, due, lost_time: _ } = time;
         assert!(attachments.is_empty() && devices.is_empty(), "neither plugins nor devices are there");
         let (objects, held) = (scene.objects(), commands.count());

@@ -97,9 +97,32 @@ impl Stepper {
         Self { simulation, interval, published, lost, notices: Vec::new() }
     }
 
+    /// Steps `simulation` from where it is, which is between the halves of an iteration: no update is done here. For one
+    /// that somebody else moves, as a replay does, through [`follow`](Self::follow).
+    pub fn at_rest(mut simulation: Simulation, interval: f64) -> Self {
+        let hub = simulation.connect();
+        let snapshot = simulation.scene().snapshot(simulation.wrenches());
+        let mut published = Published { snapshot, hub, is_shown: false };
+        published.publish(&mut simulation);
+        Self { simulation, interval, published, lost: None, notices: Vec::new() }
+    }
+
+    /// Lets `act` move the simulation, and publishes what became of it.
+    pub fn follow<R>(&mut self, act: impl FnOnce(&mut Simulation) -> R) -> R {
+        let result = act(&mut self.simulation);
+        self.lost = self.simulation.check_state().err();
+        self.follow_scene();
+        result
+    }
+
     /// The simulation.
     pub fn simulation(&self) -> &Simulation {
         &self.simulation
+    }
+
+    /// The simulation, to begin and end recordings: what else changes it belongs to the methods below.
+    pub fn simulation_mut(&mut self) -> &mut Simulation {
+        &mut self.simulation
     }
 
     /// Takes what the solver did since this was called the last time; see [`Simulation::take_solver_statistics`].
@@ -227,7 +250,7 @@ impl Stepper {
         if self.lost.is_some() {
             return Err(SetStateError::Lost);
         }
-        self.simulation.physics.scene.set_state(change)?;
+        self.simulation.set_state(change)?;
         self.published.publish(&mut self.simulation);
         Ok(())
     }
@@ -237,11 +260,7 @@ impl Stepper {
     /// # Errors
     /// [`ParameterError`]; nothing has changed then.
     pub fn set_parameters(&mut self, change: &ParameterChange) -> Result<(), ParameterError> {
-        self.simulation.physics.scene.set_parameters(change)?;
-        if !change.colors.is_empty() {
-            self.simulation.show_changed_looks();
-        }
-        Ok(())
+        self.simulation.set_parameters(change)
     }
 
     /// Whether [`set_parameters`](Self::set_parameters) would change these.
@@ -276,7 +295,8 @@ impl Stepper {
     pub fn place_camera(&mut self, camera: CameraId, pose: &Isometry3<f64>) {
         let scene = &mut self.simulation.physics.scene;
         let parent = scene.global_pose(scene.cameras[camera].attached.parent, &Isometry3::identity());
-        scene.cameras[camera].attached.pose = parent.inverse() * pose;
+        let pose = parent.inverse() * pose;
+        self.simulation.place(camera.into(), pose);
         self.published.publish(&mut self.simulation);
     }
 
@@ -284,7 +304,8 @@ impl Stepper {
     pub fn place_light(&mut self, light: LightId, pose: &Isometry3<f64>) {
         let scene = &mut self.simulation.physics.scene;
         let parent = scene.global_pose(scene.lights[light].attached.parent, &Isometry3::identity());
-        scene.lights[light].attached.pose = parent.inverse() * pose;
+        let pose = parent.inverse() * pose;
+        self.simulation.place(light.into(), pose);
         self.published.publish(&mut self.simulation);
     }
 

@@ -7,6 +7,7 @@ use crossbeam_channel::{bounded, Receiver, Sender, TrySendError};
 use nalgebra::{Isometry3, Vector3};
 use std::sync::Arc;
 
+use super::session::Entry;
 use super::{Simulation, Timeline};
 use crate::bullet::{ConstraintHandle, Ray, RayTarget};
 use crate::ids::{BodyId, CameraId, SoftBodyId};
@@ -225,17 +226,11 @@ impl Simulation {
 
     fn do_for_window(&mut self, request: WindowRequest) -> Option<WindowAnswer> {
         match request {
-            WindowRequest::MoveCamera { camera, gesture } => {
-                self.physics.scene.cameras.get_mut(camera)?.follow_gesture(gesture);
-            }
+            WindowRequest::MoveCamera { camera, gesture } => self.move_camera(camera, gesture),
             WindowRequest::PlaceCamera { camera, pose, distance } => self.place_camera(camera, &pose, distance),
-            WindowRequest::ResetCameras => self.physics.scene.reset_cameras(),
-            WindowRequest::Gravity(on) => {
-                let gravity = if on { self.physics.scene.gravity } else { Vector3::zeros() };
-                self.physics.scene.world.set_gravity(gravity);
-            }
+            WindowRequest::ResetCameras => self.reset_cameras(),
+            WindowRequest::Gravity(on) => self.switch_gravity(on),
             WindowRequest::Pick { origin, direction } => {
-                self.release_picked();
                 return Some(WindowAnswer::Picked(self.pick(&origin, &direction)));
             }
             WindowRequest::Drag { origin, direction } => self.drag(&origin, &direction),
@@ -249,7 +244,27 @@ impl Simulation {
         None
     }
 
-    fn place_camera(&mut self, camera: CameraId, pose: &Isometry3<f64>, distance: f64) {
+    pub(super) fn move_camera(&mut self, camera: CameraId, gesture: CameraGesture) {
+        self.physics.note(&Entry::MoveCamera { camera: camera.index(), gesture });
+        if let Some(camera) = self.physics.scene.cameras.get_mut(camera) {
+            camera.follow_gesture(gesture);
+        }
+    }
+
+    pub(super) fn reset_cameras(&mut self) {
+        self.physics.note(&Entry::ResetCameras {});
+        self.physics.scene.reset_cameras();
+    }
+
+    /// Gravity as the world file says, or none.
+    pub(super) fn switch_gravity(&mut self, on: bool) {
+        self.physics.note(&Entry::Gravity { on });
+        let gravity = if on { self.physics.scene.gravity } else { Vector3::zeros() };
+        self.physics.scene.world.set_gravity(gravity);
+    }
+
+    pub(super) fn place_camera(&mut self, camera: CameraId, pose: &Isometry3<f64>, distance: f64) {
+        self.physics.note(&Entry::LookFrom { camera: camera.index(), pose: *pose, distance });
         let numbers = pose.to_homogeneous();
         let is_place = numbers.iter().all(|x| x.is_finite()) && distance > 0.0 && distance.is_finite();
         if !is_place {
@@ -265,7 +280,8 @@ impl Simulation {
     /// is at most its mass times 1 m/s; a static one is carried with the offset from there; of a soft body the nearest
     /// node within 0.1 m is drawn along.
     pub fn pick(&mut self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Picked {
-        self.release_picked();
+        self.physics.note(&Entry::Pick { origin: *origin, direction: *direction });
+        self.let_go();
         if !origin.iter().chain(direction).all(|x| x.is_finite()) {
             return Picked::Nothing;
         }
@@ -310,6 +326,7 @@ impl Simulation {
     /// Moves what is held to its distance along a ray; `direction` is of unit length, world axes.
     pub fn drag(&mut self, origin: &Vector3<f64>, direction: &Vector3<f64>) {
         let Some(held) = &self.picking.0 else { return };
+        self.physics.note(&Entry::Drag { origin: *origin, direction: *direction });
         let goal = origin + direction * held.distance;
         if !goal.iter().all(|x| x.is_finite()) {
             return;
@@ -325,17 +342,29 @@ impl Simulation {
                     world.set_pose(bodies[body].handle, &pose);
                 }
             }
-            Hold::Node { soft, node } => self.drag_soft_node(soft, node, Some(goal)),
+            Hold::Node { soft, node } => {
+                self.pull_soft_node(soft, node, Some(goal));
+            }
         }
     }
 
     /// Lets go of what is held.
     pub fn release_picked(&mut self) {
+        if self.picking.0.is_some() {
+            self.physics.note(&Entry::Release {});
+        }
+        self.let_go();
+    }
+
+    /// [`release_picked`](Self::release_picked) as part of something else.
+    pub(super) fn let_go(&mut self) {
         match self.picking.0.take().map(|held| held.what) {
             Some(Hold::Grip { grip, .. }) => {
                 self.physics.scene.world.remove_constraint(grip);
             }
-            Some(Hold::Node { soft, node }) => self.drag_soft_node(soft, node, None),
+            Some(Hold::Node { soft, node }) => {
+                self.pull_soft_node(soft, node, None);
+            }
             Some(Hold::Carried { .. }) | None => (),
         }
     }
@@ -347,7 +376,7 @@ impl Simulation {
             Hold::Node { soft, .. } => is_going(&self.physics.scene, soft.into()),
         });
         if goes {
-            self.release_picked();
+            self.let_go();
         }
     }
 
@@ -362,6 +391,7 @@ impl Simulation {
         if self.physics.scene.body_is_gone(body) {
             return Err(format!("body `{name}` was removed before"));
         }
+        self.physics.note(&Entry::RemoveBody { body: body.index() });
         self.release_picked_of(|_, held| held == body.into());
         self.detach_plugins_from(|other| other == body);
         self.physics.scene.remove_body(body);

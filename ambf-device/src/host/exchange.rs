@@ -58,6 +58,16 @@ impl CameraSum {
         self.rotation = motion.rotation;
     }
 
+    /// Ticks in which they were moved, and the sum of the motions: the rotation is that of the latest one.
+    pub fn parts(&self) -> (u64, Isometry3<f64>) {
+        (self.ticks, Isometry3::from_parts(self.moved.into(), self.rotation))
+    }
+
+    /// The sum with these [`parts`](Self::parts).
+    pub fn from_parts(ticks: u64, moved: &Isometry3<f64>) -> Self {
+        Self { ticks, moved: moved.translation.vector, rotation: moved.rotation }
+    }
+
     /// The motion since `before`, if there was one.
     pub fn since(&self, before: &Self) -> Option<law::CameraMotion> {
         let motion = law::CameraMotion { displacement: self.moved - before.moved, rotation: self.rotation };
@@ -87,6 +97,22 @@ pub(crate) fn couple(pose: Isometry3<f64>) -> (PhysicsEnd, DeviceEnd) {
     (PhysicsEnd { state: state_in, hand: hand_out }, DeviceEnd { state: state_out, hand: hand_in })
 }
 
+/// Stands in for a device whose motion was recorded.
+pub struct StandIn(DeviceEnd);
+
+impl StandIn {
+    /// Moves a body at `pose` (body frame in the world).
+    pub fn new(pose: Isometry3<f64>) -> (PhysicsEnd, Self) {
+        let (physics, device) = couple(pose);
+        (physics, Self(device))
+    }
+
+    /// Leaves what the device told the physics thread.
+    pub fn send(&mut self, hand: Hand) {
+        self.0.hand.write(hand);
+    }
+}
+
 const QUANTITIES: [Quantity; 6] = [
     Quantity::EffectorLinearGain,
     Quantity::EffectorAngularGain,
@@ -95,6 +121,11 @@ const QUANTITIES: [Quantity; 6] = [
     Quantity::DeviceLinearGain,
     Quantity::DeviceAngularGain,
 ];
+
+/// The quantity with a number, as `quantity as u8` gives it.
+pub fn quantity(number: u8) -> Option<Quantity> {
+    QUANTITIES.get(usize::from(number)).copied()
+}
 
 /// What is common to all devices of a program, for any thread to read and change: the mode of the buttons, gains, and
 /// switches.

@@ -11,7 +11,7 @@ mod rates;
 mod worker;
 
 pub use claim::{find_devices, presence_of};
-pub use exchange::{BodyState, CameraSum, Controls, Followed, Hand, PhysicsEnd};
+pub use exchange::{quantity, BodyState, CameraSum, Controls, Followed, Hand, PhysicsEnd, StandIn};
 pub use rates::Rate;
 
 use std::fmt;

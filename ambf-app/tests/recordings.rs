@@ -1,0 +1,108 @@
+//! `ambf_batch --record` and `--replay`: what a replay writes, and what becomes of a recording when something fails.
+
+mod batch_common;
+
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use batch_common::{resources, Folder, Ran};
+
+const MODEL: &str = "bodies: [BODY Free]\nBODY Free: {name: Free, mass: 2, inertia: {ix: 0.1, iy: 0.2, iz: 0.4}, \
+    location: {position: {x: 0, y: 0, z: 3}}}\n";
+
+/// A body that is pushed about, in the shipped world.
+fn folder() -> Folder {
+    let folder = Folder::new();
+    folder.write("m.yaml", MODEL);
+    folder.write("c.txt", "0|1400|WR|Free|0.3 0.1 0 0 0 0.01\n");
+    folder
+}
+
+fn scene() -> String {
+    format!("-a m.yaml --world {} --commands c.txt", resources().join("world/world.yaml").display())
+}
+
+fn read(folder: &Folder, name: &str) -> String {
+    std::fs::read_to_string(folder.path().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+fn refused(ran: &Ran, status: i32, part: &str) {
+    assert!(ran.status == status && ran.stderr.contains(part), "{part}: {ran:?}");
+}
+
+#[test]
+fn a_replay_writes_the_same_traces() {
+    for profile in ["legacy", "accurate"] {
+        let folder = folder();
+        let outputs = |name: &str| format!("--trace {name} --energy {name}.csv --every 7");
+        folder.succeed(&format!("{} --profile {profile} --steps 1500 {} --record a.mcap", scene(), outputs("a")));
+        let replayed = folder.succeed(&format!("--replay a.mcap --json {}", outputs("b")));
+        assert!(replayed.stdout.contains("\"steps\":1500"), "{}", replayed.stdout);
+        assert_eq!(read(&folder, "a_bodies.csv"), read(&folder, "b_bodies.csv"));
+        assert_eq!(read(&folder, "a.csv"), read(&folder, "b.csv"));
+        refused(&folder.run(&format!("{} --steps 1 --record a.mcap", scene())), 2, "not overwritten");
+    }
+}
+
+#[test]
+fn the_user_takes_over_where_it_is_said() {
+    let folder = folder();
+    folder.succeed(&format!("{} --steps 2000 --trace a --record a.mcap", scene()));
+    // The same commands from step 500 on.
+    folder.write("c.txt", "0|900|WR|Free|0.3 0.1 0 0 0 0.01\n");
+    let arguments = "--replay a.mcap --continue-at 0.4995 --steps 1500 --commands c.txt --trace b --record b.mcap";
+    folder.succeed(arguments);
+    assert_eq!(read(&folder, "a_bodies.csv"), read(&folder, "b_bodies.csv"));
+    // And the recording of both is a recording.
+    folder.succeed("--replay b.mcap --trace c");
+    assert_eq!(read(&folder, "a_bodies.csv"), read(&folder, "c_bodies.csv"));
+}
+
+#[test]
+fn changed_files_are_named_and_another_motion_too() {
+    let folder = folder();
+    folder.succeed(&format!("{} --steps 2500 --record a.mcap", scene()));
+    folder.write("m.yaml", &MODEL.replace("mass: 2", "mass: 3"));
+    refused(&folder.run("--replay a.mcap"), 2, "m.yaml: has changed since the recording");
+    refused(&folder.run("--replay a.mcap --changed-files"), 4, "after iteration 1000 (");
+    refused(&folder.run("--replay m.yaml"), 2, "is no recording of AMBF");
+    refused(&folder.run("--replay none.mcap"), 2, "none.mcap: No such file");
+}
+
+#[test]
+fn a_full_disk_ends_the_recording_and_not_the_run() {
+    let folder = folder();
+    // Files may have 256 kB, as on a disk on which there is no more room. Wrenches that differ cannot be made much smaller.
+    let lines = (0..6000).map(|step: u32| {
+        let x = f64::from(step).sin();
+        format!("{step}|{step}|WR|Free|{x} {} {} 0 0 0\n", x.cos(), x.tan().atan())
+    });
+    folder.write("c.txt", &lines.collect::<String>());
+    let limit = "trap '' XFSZ; ulimit -f 256; exec \"$0\" \"$@\"";
+    let ran = folder.run_in_shell(limit, &format!("{} --steps 6000 --json --record a.mcap", scene()));
+    refused(&ran, 2, "File too large");
+    assert!(ran.stderr.contains("the simulation goes on"), "{ran:?}");
+    let replayed = folder.run("--replay a.mcap --json");
+    assert_eq!(replayed.status, 0, "what was written is readable: {replayed:?}");
+}
+
+#[test]
+fn a_killed_program_leaves_a_readable_file() {
+    let folder = folder();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_ambf_batch"))
+        .args(format!("{} --steps 1000000000 --record a.mcap", scene()).split_whitespace())
+        .current_dir(folder.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("ambf_batch runs");
+    let (file, begin) = (folder.path().join("a.mcap"), Instant::now());
+    while std::fs::metadata(&file).map_or(0, |metadata| metadata.len()) < 20_000 {
+        assert!(begin.elapsed() < Duration::from_secs(60), "nothing is written");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    child.kill().expect("it runs");
+    child.wait().expect("it ends");
+    let replayed = folder.succeed("--replay a.mcap --steps 3000 --json");
+    assert!(replayed.stdout.contains("\"steps\":3000"), "{}", replayed.stdout);
+}

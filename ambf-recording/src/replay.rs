@@ -1,0 +1,221 @@
+//! Replaying recordings.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
+use ambf_core::ids::{BodyId, JointId};
+use ambf_core::plugin::Command;
+use ambf_core::scene::SceneReport;
+use ambf_core::sim::{Entry, LostState, ReplayError, Replayed, Replayer, Simulation};
+use thiserror::Error;
+
+use crate::{Header, Recording, RecordingError};
+
+/// Why a replay does not go on.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum ReplayFailure {
+    /// Error when the recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// Error when what it says cannot be done, or leads somewhere else.
+    #[error("{file}: {error}")]
+    Replay {
+        /// The recording.
+        file: String,
+        /// Why.
+        error: ReplayError,
+    },
+}
+
+/// A recording that a simulation follows, update by update.
+pub struct Replay {
+    recording: Recording,
+    replayer: Replayer,
+    /// Updates of the recording.
+    updates: u64,
+    /// Simulated time at its end, s.
+    end: f64,
+    notes: Vec<(f64, String)>,
+    /// Mean interval of its updates, s.
+    interval: f64,
+    targets: Targets,
+}
+
+/// What was commanded last, for data sets of actions.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Targets {
+    /// Positions of joints, rad or m; without those that are commanded otherwise or not at all.
+    pub joints: HashMap<JointId, f64>,
+    /// Poses of body frames in the world: position, m, and quaternion x, y, z, w.
+    pub bodies: HashMap<BodyId, [f64; 7]>,
+}
+
+impl Targets {
+    fn note(&mut self, entry: &Entry<'_>, simulation: &Simulation) {
+        match entry {
+            Entry::Body { body, command } => self.command(BodyId::new(*body), command, simulation),
+            Entry::Joint { body, index, kind, value } => {
+                let joints = simulation.scene().active_joints(BodyId::new(*body));
+                joints.get(*index).into_iter().for_each(|&joint| self.joint(joint, *kind, *value));
+            }
+            Entry::Plugin { command: Command::Joint { joint, kind, value }, .. } => {
+                self.joint(JointId::new(*joint), *kind, *value);
+            }
+            Entry::Plugin { command: Command::FollowPose { body, pose }, .. } => {
+                let [x, y, z] = pose.translation.vector.into();
+                let [i, j, k, w] = pose.rotation.coords.into();
+                self.bodies.insert(BodyId::new(*body), [x, y, z, i, j, k, w]);
+            }
+            Entry::ResetWorld {} | Entry::Restore { .. } => *self = Self::default(),
+            _ => (),
+        }
+    }
+
+    fn command(&mut self, body: BodyId, command: &RigidBodyCommand, simulation: &Simulation) {
+        if command.cartesian == CartesianCommandType::Position {
+            let [x, y, z] = command.position.into();
+            let [i, j, k, w] = command.orientation;
+            self.bodies.insert(body, [x, y, z, i, j, k, w]);
+        } else {
+            self.bodies.remove(&body);
+        }
+        let kinds = command.joint_command_types.iter().copied().chain(std::iter::repeat(JointCommandType::Effort));
+        let joints = simulation.scene().active_joints(body).iter();
+        for ((&joint, &value), kind) in joints.zip(&command.joint_commands).zip(kinds) {
+            self.joint(joint, kind, value);
+        }
+    }
+
+    fn joint(&mut self, joint: JointId, kind: JointCommandType, value: f64) {
+        match kind {
+            JointCommandType::Position => {
+                self.joints.insert(joint, value);
+            }
+            JointCommandType::Effort | JointCommandType::Velocity => {
+                self.joints.remove(&joint);
+            }
+            JointCommandType::Unknown(_) => (),
+        }
+    }
+}
+
+/// How far a replay came.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Step {
+    /// The next update was made.
+    Update,
+    /// The next update was made, and the state was lost in it, as it was when it was recorded.
+    Lost(LostState),
+    /// The recording is over.
+    End,
+}
+
+impl Replay {
+    /// Opens a recording for replaying. Reads it once, to know where it goes back to earlier states and how long it is.
+    ///
+    /// # Errors
+    /// [`RecordingError`], but damage behind the beginning: the recording is replayed up to there.
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let mut scan = Recording::open(path)?;
+        let (mut restored, mut updates, mut end, mut notes) = (Vec::new(), 0, 0.0, Vec::new());
+        let mut moved = 0.0;
+        while let Ok(Some(timed)) = scan.next_entry() {
+            end = timed.sim_time;
+            match timed.entry {
+                Entry::Restore { position, .. } => restored.push(position),
+                Entry::Update { interval, .. } => {
+                    updates += 1;
+                    end += interval;
+                    moved += interval;
+                }
+                Entry::Note { text } => notes.push((timed.sim_time, text)),
+                _ => (),
+            }
+        }
+        let interval = if updates > 0 { moved / updates as f64 } else { 0.0 };
+        let recording = Recording::open(path)?;
+        Ok(Self {
+            recording,
+            replayer: Replayer::new(restored),
+            updates,
+            end,
+            notes,
+            interval,
+            targets: Targets::default(),
+        })
+    }
+
+    /// What the recording says about its scene.
+    pub fn header(&self) -> &Header {
+        self.recording.header()
+    }
+
+    /// The recording.
+    pub fn recording(&self) -> &Recording {
+        &self.recording
+    }
+
+    /// Updates of the recording.
+    pub fn updates(&self) -> u64 {
+        self.updates
+    }
+
+    /// Simulated time at its end, s.
+    pub fn end_time(&self) -> f64 {
+        self.end
+    }
+
+    /// Mean interval of its updates, s; 0 without any.
+    pub fn mean_interval(&self) -> f64 {
+        self.interval
+    }
+
+    /// What was commanded last.
+    pub fn targets(&self) -> &Targets {
+        &self.targets
+    }
+
+    /// Simulated times, s, and texts of what somebody noted.
+    pub fn notes(&self) -> &[(f64, String)] {
+        &self.notes
+    }
+
+    /// Loads the scene, and brings it to where the recording begins; to be called once. `tolerant`: also when files of the
+    /// scene have changed.
+    ///
+    /// # Errors
+    /// Those of [`Header::load`]; [`ReplayFailure::Replay`] when the recording has no beginning.
+    pub fn load(&mut self, tolerant: bool) -> Result<(Simulation, SceneReport), ReplayFailure> {
+        let (mut simulation, report) = self.header().load(tolerant)?;
+        if let Some(timed) = self.recording.next_entry()? {
+            self.apply(&mut simulation, &timed.entry)?;
+        }
+        Ok((simulation, report))
+    }
+
+    /// Lets the simulation that [`load`](Self::load) gave do what it did up to and with its next update.
+    ///
+    /// # Errors
+    /// [`ReplayFailure`].
+    pub fn step(&mut self, simulation: &mut Simulation) -> Result<Step, ReplayFailure> {
+        while let Some(timed) = self.recording.next_entry()? {
+            match self.apply(simulation, &timed.entry)? {
+                Replayed::Update => return Ok(Step::Update),
+                Replayed::Lost(lost) => return Ok(Step::Lost(lost)),
+                _ => (),
+            }
+        }
+        Ok(Step::End)
+    }
+
+    fn apply(&mut self, simulation: &mut Simulation, entry: &Entry<'_>) -> Result<Replayed, ReplayFailure> {
+        let file = || self.recording.path().display().to_string();
+        let replayed =
+            self.replayer.apply(simulation, entry).map_err(|error| ReplayFailure::Replay { file: file(), error })?;
+        // What it names is there, or the replay had failed.
+        self.targets.note(entry, simulation);
+        Ok(replayed)
+    }
+}
