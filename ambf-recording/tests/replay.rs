@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use ambf_core::adf::{self, Launch};
-use ambf_core::comm::{JointCommandType, ObjectKind, RigidBodyCommand, Snapshot, VehicleCommand};
+use ambf_core::comm::{CarveCommand, JointCommandType, ObjectKind, RigidBodyCommand, Snapshot, VehicleCommand};
 use ambf_core::control::Profile;
 use ambf_core::ids::{BodyId, VehicleId};
 use ambf_core::scene::{load, Loaded, PhysicsOptions, PreparedModel, SceneFiles, SceneOptions};
 use ambf_core::sim::{ReplayError, Simulation, Stepper, WindowRequest};
+use ambf_core::volume::{Rule, Shape};
 use ambf_recording::{Replay, ReplayFailure, Step, Writer};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 fn resources() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources")
@@ -44,8 +45,10 @@ fn bits(simulation: &Simulation) -> Vec<u64> {
         soft.read_nodes(&scene.world, &mut nodes);
         nodes.into_flattened()
     });
+    let voxels = scene.volumes.iter().filter_map(|volume| volume.voxels());
+    let solid = voxels.map(|voxels| voxels.count_solid() as f64);
     let time = [simulation.sim_time(), simulation.lost_time(), f64::from(simulation.sim_step())];
-    bodies.chain(joints.copied()).chain(cameras).chain(nodes).chain(time).map(f64::to_bits).collect()
+    bodies.chain(joints.copied()).chain(cameras).chain(nodes).chain(solid).chain(time).map(f64::to_bits).collect()
 }
 
 /// Commands that keep everything moving.
@@ -160,6 +163,37 @@ fn models_that_come_and_go_are_replayed() {
             (states, Some(simulation))
         });
     }
+}
+
+/// Cuts by a tool that is pressed into a volume, and by commands.
+#[test]
+fn what_is_cut_is_replayed() {
+    let simulation = simulation(&resources().join("drill/drill.yaml"), Profile::Accurate, false);
+    check("drill", simulation, |mut simulation| {
+        let volume = simulation.scene().volumes.ids().next().expect("a volume");
+        let drill = simulation.scene().bodies.ids().next().expect("a drill");
+        let solid = |simulation: &Simulation| simulation.scene().volumes[volume].voxels().map(|voxels| voxels.count_solid());
+        let first = solid(&simulation);
+        let mut states = Vec::new();
+        let mut press = |simulation: &mut Simulation| {
+            for _ in 0..150 {
+                simulation.apply_wrench(drill, Vector3::new(0.0, 0.0, -3.0), Vector3::zeros());
+                let _ = simulation.iterate(0.001);
+                states.push(bits(simulation));
+            }
+        };
+        press(&mut simulation);
+        assert!(solid(&simulation) < first, "the drill cuts");
+        let at = Isometry3::translation(0.0, 0.0, -0.005);
+        let shape = Shape::Sphere { radius: 0.003 };
+        let command = CarveCommand { shape, from: at, to: at, in_world: true, rule: Rule::All };
+        assert!(!simulation.carve(volume, &command).expect("a cut").indices.is_empty());
+        simulation.set_tool(volume, 0, Some(false), Some(0.001)).expect("a tool");
+        press(&mut simulation);
+        simulation.restore_voxels(volume).expect("a volume");
+        press(&mut simulation);
+        (states, Some(simulation))
+    });
 }
 
 #[test]

@@ -60,6 +60,7 @@ fn add_files(model: &adf::Model, files: &mut BTreeSet<PathBuf>) {
     for images in model.volumes.iter().filter_map(|volume| volume.images.as_ref()) {
         files.extend(images.files(MAX_IMAGES));
     }
+    files.extend(model.volumes.iter().filter_map(|volume| volume.nrrd.clone()));
 }
 
 fn mesh_of(part: &Part) -> Option<PathBuf> {

@@ -417,6 +417,7 @@ impl Simulation {
     /// # Errors
     /// [`VolumeError`]; nothing is cut then.
     pub fn carve(&mut self, volume: VolumeId, command: &CarveCommand) -> Result<&Carved, VolumeError> {
+        self.physics.note(&Entry::Carve { volume: volume.index(), command: Cow::Borrowed(command) });
         let (stamp, sim_time, sim_step) =
             (self.physics.stamp_now(), self.physics.time.sim_time, self.physics.sim_step());
         let carved = self.physics.scene.carve(volume, command)?;
@@ -438,6 +439,7 @@ impl Simulation {
         on: Option<bool>,
         radius: Option<f64>,
     ) -> Result<(), VolumeError> {
+        self.physics.note(&Entry::Tool { volume: volume.index(), tool, on, radius });
         self.physics.scene.set_tool(volume, tool, on, radius)
     }
 
@@ -478,6 +480,7 @@ impl Simulation {
     /// # Errors
     /// [`VolumeError::Unknown`].
     pub fn restore_voxels(&mut self, volume: VolumeId) -> Result<(), VolumeError> {
+        self.physics.note(&Entry::RestoreVoxels { volume: volume.index() });
         self.physics.scene.restore_voxels(volume)
     }
 

@@ -2,12 +2,13 @@
 
 use std::borrow::Cow;
 
+use ambf_volume::{Rule, Shape};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use thiserror::Error;
 
 use crate::adf::{Gains, ObjectType};
 use crate::comm::{
-    ActuatorCommand, CameraParameters, CartesianCommandType, JointCommandType, LightParameters, PoseCommand,
+    ActuatorCommand, CameraParameters, CartesianCommandType, CarveCommand, JointCommandType, LightParameters, PoseCommand,
     RigidBodyCommand, SoftBodyCommand, VehicleCommand,
 };
 use crate::ids::{BodyId, JointId};
@@ -72,7 +73,7 @@ macro_rules! numbers {
     )*};
 }
 
-numbers!(u8, i8, u32, u64, f64);
+numbers!(u8, i8, u32, u64, i64, f64);
 
 impl Coded for bool {
     fn put(&self, out: &mut Vec<u8>) {
@@ -260,6 +261,7 @@ structs! {
     ActuatorCommand {
         actuate, body_name, use_offset, offset_position, offset_orientation, use_sensor_data, sensor_identifier
     }
+    CarveCommand { shape, from, to, in_world, rule }
     VehicleCommand { force, torque, steering, power, brake, full_brake }
     CameraParameters {
         near_plane, far_plane, field_view_angle, orthographic_view_width, stereo_eye_separation, stereo_focal_length,
@@ -271,6 +273,55 @@ structs! {
     ParameterChange {
         masses, inertias, frictions, restitutions, dampings, gravity, gravities, body_gains, colors, limits,
         joint_dampings, joint_frictions, joint_gains
+    }
+}
+
+impl Coded for Shape {
+    fn put(&self, out: &mut Vec<u8>) {
+        match self {
+            Self::Sphere { radius } => (0_u8, *radius).put(out),
+            Self::Capsule { radius, half_length } => (1_u8, [*radius, *half_length]).put(out),
+            Self::Box { half_edges } => (2_u8, *half_edges).put(out),
+            Self::Voxels(voxels) => {
+                3_u8.put(out);
+                voxels.put(out);
+            }
+        }
+    }
+
+    fn take(from: &mut Source<'_>) -> Result<Self, CodeError> {
+        Ok(match u8::take(from)? {
+            0 => Self::Sphere { radius: Coded::take(from)? },
+            1 => {
+                let [radius, half_length] = Coded::take(from)?;
+                Self::Capsule { radius, half_length }
+            }
+            2 => Self::Box { half_edges: Coded::take(from)? },
+            3 => Self::Voxels(Coded::take(from)?),
+            number => return Err(CodeError::Unknown { what: "shape of a cut", number: number.into() }),
+        })
+    }
+}
+
+impl Coded for Rule {
+    fn put(&self, out: &mut Vec<u8>) {
+        match *self {
+            Self::All => 0_u8.put(out),
+            Self::Rate { rate, interval } => (1_u8, [rate, interval]).put(out),
+            Self::Count(voxels) => (2_u8, voxels).put(out),
+        }
+    }
+
+    fn take(from: &mut Source<'_>) -> Result<Self, CodeError> {
+        Ok(match u8::take(from)? {
+            0 => Self::All,
+            1 => {
+                let [rate, interval] = Coded::take(from)?;
+                Self::Rate { rate, interval }
+            }
+            2 => Self::Count(Coded::take(from)?),
+            number => return Err(CodeError::Unknown { what: "rule of a cut", number: number.into() }),
+        })
     }
 }
 

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::codec::{CodeError, Coded, Source};
 use crate::comm::{
-    ActuatorCommand, CameraParameters, JointCommandType, LightParameters, PoseCommand, RigidBodyCommand,
+    ActuatorCommand, CameraParameters, CarveCommand, JointCommandType, LightParameters, PoseCommand, RigidBodyCommand,
     SoftBodyCommand, VehicleCommand,
 };
 use crate::plugin::{Command, ObjectId};
@@ -321,6 +321,29 @@ entries! {
         /// Of that what was never integrated, s.
         lost_time: f64,
     }
+    /// A volume was cut.
+    41 Carve {
+        /// Volume.
+        volume: usize,
+        /// How.
+        command: Cow<'a, CarveCommand>,
+    }
+    /// A volume got its first voxels back.
+    42 RestoreVoxels {
+        /// Volume.
+        volume: usize,
+    }
+    /// A tool of a volume was switched or changed.
+    43 Tool {
+        /// Volume.
+        volume: usize,
+        /// Its place in the list of the volume's tools.
+        tool: usize,
+        /// Whether it cuts; `None`: as it was.
+        on: Option<bool>,
+        /// Radius of its tip, m; `None`: as it was.
+        radius: Option<f64>,
+    }
 }
 
 /// Entries of commands that stay in force, and are therefore executed in each iteration.
@@ -348,6 +371,7 @@ mod tests {
     use super::*;
     use crate::adf::ObjectType;
     use crate::comm::CartesianCommandType;
+    use ambf_volume::{Rule, Shape};
 
     fn round_trip(entry: &Entry<'_>) {
         let mut bytes = Vec::new();
@@ -387,6 +411,15 @@ mod tests {
         ] {
             round_trip(&Entry::Plugin { plugin: 5, begins: true, command });
         }
+        for (shape, rule) in [
+            (Shape::Sphere { radius: 1e-3 }, Rule::All),
+            (Shape::Capsule { radius: 1e-3, half_length: 0.0 }, Rule::Rate { rate: 1e-8, interval: 1e-3 }),
+            (Shape::Voxels(vec![[1, -2, 3]]), Rule::Count(7)),
+        ] {
+            let command = CarveCommand { shape, from: pose, to: Isometry3::identity(), in_world: true, rule };
+            round_trip(&Entry::Carve { volume: 1, command: Cow::Owned(command) });
+        }
+        round_trip(&Entry::Tool { volume: 0, tool: 1, on: Some(true), radius: None });
         round_trip(&Entry::MoveCamera { camera: 1, gesture: CameraGesture::Shift(Vector3::x()) });
         round_trip(&Entry::Note { text: "stage: knot".into() });
         round_trip(&Entry::Again {});

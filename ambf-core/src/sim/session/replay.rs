@@ -14,7 +14,7 @@ use crate::bullet::StateError;
 use crate::comm::RigidBodyCommand;
 use crate::device::host::{quantity, CameraSum, Controls, Hand, StandIn};
 use crate::device::law::{GainChange, Switches};
-use crate::ids::{ActuatorId, BodyId, CameraId, JointId, LightId, SoftBodyId, VehicleId};
+use crate::ids::{ActuatorId, BodyId, CameraId, JointId, LightId, SoftBodyId, VehicleId, VolumeId};
 use crate::plugin::ObjectId;
 use crate::scene::{ParameterChange, PreparedModel, StateChange};
 use crate::sim::physics::Time;
@@ -264,6 +264,19 @@ impl Replayer {
                 }
                 finite("a goal", goal.iter().flat_map(|goal| goal.iter().copied()))?;
                 simulation.drag_soft_node(soft, *node, *goal);
+            }
+            // Cuts and tools that were refused are refused again.
+            Entry::Carve { volume, command } => {
+                check.is_there("volume", ObjectType::Volume, *volume)?;
+                let _ = simulation.carve(VolumeId::new(*volume), command);
+            }
+            Entry::RestoreVoxels { volume } => {
+                check.is_there("volume", ObjectType::Volume, *volume)?;
+                let _ = simulation.restore_voxels(VolumeId::new(*volume));
+            }
+            Entry::Tool { volume, tool, on, radius } => {
+                check.is_there("volume", ObjectType::Volume, *volume)?;
+                let _ = simulation.set_tool(VolumeId::new(*volume), *tool, *on, *radius);
             }
             Entry::Restore { position, keep_cameras, .. } => {
                 let state = self.saved.get(position).ok_or(ReplayError::NoState(*position))?;
