@@ -92,7 +92,10 @@ pub(super) fn convert(bodies: &Bodies<'_>, context: &Context<'_>, drives: &Drive
         let massless = ((share * load.mass).max(LEAST), Vector3::repeat((share * load.moment).max(LEAST)));
         let planes = body.geoms.iter().filter(|geom| geom.is_plane());
         for (number, plane) in planes.enumerate() {
-            converted.bodies.extend(plane_body(body, plane, number, context, &filter));
+            // A body may be called as the geom is.
+            let own = plane.name.clone().filter(|name| !bodies.by_name.contains_key(name));
+            let name = own.unwrap_or_else(|| format!("{}_plane{number}", body.name));
+            converted.bodies.extend(plane_body(body, plane, &name, context, &filter));
         }
         let has_rest = body.geoms.iter().any(|geom| !geom.is_plane());
         // The world itself is a body where it has shapes, or joints hold on it.
@@ -180,7 +183,7 @@ fn check_masks(body: &Body<'_>) {
 fn plane_body(
     body: &Body<'_>,
     plane: &Geom<'_>,
-    number: usize,
+    name: &str,
     context: &Context<'_>,
     filter: &CollisionFilter,
 ) -> Option<RigidBody> {
@@ -192,8 +195,7 @@ fn plane_body(
     let pose = body.in_world * plane.part.offset;
     let normal = pose.rotation * Vector3::z();
     let primitive = Primitive::Plane { normal, offset: normal.dot(&pose.translation.vector) };
-    let name = plane.name.clone().unwrap_or_else(|| format!("{}_plane{number}", body.name));
-    let mut made = still(&name, body, context);
+    let mut made = still(name, body, context);
     if plane.collides() && context.options.has_contacts {
         made.collision = CollisionGeometry::Primitive { primitive: primitive.clone(), offset: None };
         made.surface = surface(std::iter::once(plane));

@@ -132,9 +132,10 @@ class Trees(unittest.TestCase):
             sim = ambf.Simulation(file, launch_file=LAUNCH)
             plain = pathlib.Path(folder) / "plain.xml"
             plain.write_text(text.replace(' armature="0.2"', "").replace(' armature="0.05"', ""))
-            without = ambf.Simulation(plain, launch_file=LAUNCH).tree("upper").mass_matrix()
-        tree = sim.tree("upper")
-        np.testing.assert_allclose(tree.mass_matrix() - without, np.diag([0.2, 0.05]), atol=1e-12)
+            without = ambf.Simulation(plain, launch_file=LAUNCH).tree("upper")
+        tree, place = sim.tree("upper"), (0.3, -0.45)
+        added = tree.mass_matrix(joint_positions=place) - without.mass_matrix(joint_positions=place)
+        np.testing.assert_allclose(added, np.diag([0.2, 0.05]), atol=1e-12)
         np.testing.assert_array_equal(tree.coupling_rows(), [[1.5, 1]])
 
         def accelerations():

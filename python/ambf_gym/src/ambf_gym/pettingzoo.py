@@ -76,8 +76,9 @@ class Arms(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no types
     def reset(
         self, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None
     ) -> Tuple[Dict[str, Any], Dict[str, Dict[str, Any]]]:
-        """A new episode."""
-        self._observation, info = self.env.reset(seed=seed, options=options)
+        """A new episode. There are no options; those of others are not looked at, since PettingZoo's own check gives some."""
+        del options
+        self._observation, info = self.env.reset(seed=seed)
         self.agents = list(self.possible_agents)
         return self._for_all(self._observation), {agent: dict(info) for agent in self.agents}
 
