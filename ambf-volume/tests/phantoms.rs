@@ -247,7 +247,7 @@ fn contact_with_a_ball_is_as_far_as_its_rule_says() {
         assert!((sum / count - mean).abs() < 0.04, "r = {r}: mean {}", sum / count);
     }
     // The default: the interpolated surface. Densities of 8 bits make steps of 4 µm in the layer, slopes of some degrees.
-    for (layer, by, turn) in [(0.0, 0.5, 45.0), (4.0 * h, 0.05, 3.5)] {
+    for (layer, by, turn) in [(0.0, 0.5, 45.0), (4.0 * h, 0.05, 6.0)] {
         let grid = ball(layer);
         for _ in 0..2000 {
             let direction = random.direction();
