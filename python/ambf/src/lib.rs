@@ -21,6 +21,7 @@ mod load;
 mod names;
 mod parameters;
 mod pool;
+mod recording;
 mod tree;
 mod view;
 mod world;
@@ -38,6 +39,8 @@ mod _ambf {
     use super::batch::Batch;
     #[pymodule_export]
     use super::pool::{shared_descriptions, shared_shapes, step_all};
+    #[pymodule_export]
+    use super::recording::Replay;
     #[pymodule_export]
     use super::tree::Tree;
     #[pymodule_export]
