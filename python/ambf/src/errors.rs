@@ -74,6 +74,11 @@ pub fn model(py: Python<'_>, problem: &ModelError) -> PyErr {
     }
 }
 
+/// Error when a recording can't be written, read or replayed.
+pub fn recording(py: Python<'_>, problem: &str) -> PyErr {
+    raise(py, "RecordingError", (lines(problem).into_owned(),))
+}
+
 /// Error when bodies are no tree.
 pub fn tree(py: Python<'_>, problem: &MechanismError) -> PyErr {
     raise(py, "TreeError", (lines(&problem.to_string()).into_owned(),))

@@ -22,6 +22,7 @@ mod load;
 mod names;
 mod parameters;
 mod pool;
+mod recording;
 mod tree;
 mod view;
 mod volumes;
@@ -40,6 +41,8 @@ mod _ambf {
     use super::batch::Batch;
     #[pymodule_export]
     use super::pool::{shared_descriptions, shared_shapes, step_all};
+    #[pymodule_export]
+    use super::recording::Replay;
     #[pymodule_export]
     use super::tree::Tree;
     #[pymodule_export]

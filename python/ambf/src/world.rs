@@ -15,6 +15,7 @@ use ambf_core::scene::{Body, JointCoupling, ParameterChange, PreparedModel, Scen
 use ambf_core::sim::{LostState, ModelError, Stepper, StepperState};
 use ambf_core::text;
 use ambf_core::volume::VoxelGrid;
+use ambf_recording::Writer;
 use ambf_render::camera_labels;
 use crtk::diagnostics::Board;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -49,6 +50,13 @@ pub struct Physics {
     requested: Requested,
     /// Kept for further worlds.
     _launch: Option<Arc<Launch>>,
+}
+
+impl Physics {
+    /// Of a scene without a launch file.
+    pub fn new(stepper: Stepper) -> Self {
+        Self { stepper: Box::new(stepper), requested: Requested::new(0), _launch: None }
+    }
 }
 
 /// Where the physics of a [`World`] is.
@@ -111,6 +119,7 @@ pub struct World {
     windows: Mutex<Option<Windows>>,
     /// Arms for CRTK clients.
     arms: Board,
+    writer: Mutex<Option<Writer>>,
     revision: AtomicU64,
 }
 
@@ -125,7 +134,7 @@ struct PictureArrays {
 
 impl World {
     /// Takes the physics away. The lock is held for no longer than that: Python's could change hands meanwhile.
-    fn take_away(&self, py: Python<'_>) -> PyResult<Physics> {
+    pub fn take_away(&self, py: Python<'_>) -> PyResult<Physics> {
         let mut slot = self.slot.lock();
         let before = std::mem::replace(&mut *slot, Slot::Away);
         match before {
@@ -255,7 +264,7 @@ impl World {
     }
 
     /// A world of a stepper, with arrays for what there is in it.
-    fn around(
+    pub fn around(
         py: Python<'_>,
         slot: Arc<Mutex<Slot>>,
         mut physics: Physics,
@@ -311,6 +320,7 @@ impl World {
             pictures: PictureArrays::default(),
             windows: Mutex::default(),
             arms: Board::local(),
+            writer: Mutex::default(),
             revision: AtomicU64::new(revision),
         };
         physics.requested = Requested::new(made.rows.len());
@@ -350,6 +360,7 @@ impl World {
         made.drawing = Arc::clone(&self.drawing);
         made.arms = self.arms.clone();
         *made.windows.lock() = self.windows.lock().take();
+        *made.writer.lock() = self.writer.lock().take();
         made.with(py, |physics| {
             for (row, commanded) in made.rows.iter().zip(&mut physics.requested.commanded) {
                 *commanded = was_commanded.contains(&row.id);
@@ -364,7 +375,7 @@ impl World {
     }
 
     /// Bodies and joints in the order of the arrays.
-    fn ids(&self) -> (Vec<BodyId>, &[JointId]) {
+    pub fn ids(&self) -> (Vec<BodyId>, &[JointId]) {
         (self.rows.iter().map(|row| row.id).collect(), &self.joint_ids)
     }
 }
@@ -992,6 +1003,33 @@ impl World {
         })?
     }
 
+    fn record(&self, py: Python<'_>, file: PathBuf) -> PyResult<()> {
+        let started = self.with(py, |physics| {
+            let simulation = physics.stepper.simulation_mut();
+            py.detach(|| Writer::start(&file, simulation, "ambf (Python)", true))
+        })?;
+        let writer = started.map_err(|error| errors::recording(py, &error.to_string()))?;
+        *self.writer.lock() = Some(writer);
+        Ok(())
+    }
+
+    /// Number of updates that were recorded; an error if the recording has ended before.
+    fn stop_recording(&self, py: Python<'_>) -> PyResult<u64> {
+        self.with(py, |physics| physics.stepper.simulation_mut().stop_recording())?;
+        let Some(writer) = self.writer.lock().take() else {
+            return Err(errors::recording(py, "the simulation is not recorded"));
+        };
+        let summary = py.detach(|| writer.finish());
+        match summary.problem {
+            Some(problem) => Err(errors::recording(py, &problem)),
+            None => Ok(summary.updates),
+        }
+    }
+
+    fn note(&self, py: Python<'_>, text: &str) -> PyResult<()> {
+        self.with(py, |physics| physics.stepper.simulation_mut().annotate(text))
+    }
+
     fn set_energy_ledger(&self, py: Python<'_>, enabled: bool) -> PyResult<()> {
         self.with(py, |physics| physics.stepper.set_energy_ledger(enabled))
     }
@@ -1024,6 +1062,7 @@ impl World {
     fn notices(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let mut notices = self.with(py, |physics| physics.stepper.take_notices())?;
         notices.extend(self.drawing.take_messages());
+        notices.extend(self.writer.lock().as_mut().and_then(Writer::problem));
         Ok(notices.iter().map(|notice| text::lines(notice).into_owned()).collect())
     }
 
@@ -1159,7 +1198,11 @@ impl World {
             return Err(errors::busy(py));
         }
         self.close_view(py);
-        py.detach(|| self.drawing.close());
+        let writer = self.writer.lock().take();
+        py.detach(|| {
+            drop(writer);
+            self.drawing.close();
+        });
         Ok(())
     }
 }

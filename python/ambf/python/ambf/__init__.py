@@ -25,10 +25,12 @@ from .errors import (
     LoadError,
     NonFiniteError,
     NotFoundError,
+    RecordingError,
     RenderError,
     StateError,
     TreeError,
 )
+from .recording import Recording
 from .scenes import resources
 from .simulation import (
     Actuator,
@@ -72,6 +74,8 @@ __all__ = [
     "PassiveBody",
     "Rays",
     "Reached",
+    "Recording",
+    "RecordingError",
     "RenderError",
     "Sensor",
     "Simulation",

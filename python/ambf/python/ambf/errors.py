@@ -21,6 +21,10 @@ class LoadError(AmbfError, ValueError):
         return LoadError, (self.problems,)
 
 
+class RecordingError(AmbfError, RuntimeError):
+    """Error when a recording can't be written, read or replayed, or when a replay is another motion than the recording."""
+
+
 class NonFiniteError(AmbfError, ArithmeticError):
     """Error when a state became infinite or not a number. Nothing moves until the simulation is reset or restored."""
 

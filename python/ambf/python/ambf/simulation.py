@@ -175,6 +175,16 @@ class Simulation(Arrays):
         self._handles: Dict[int, Body] = {}
         self._bind()
 
+    @classmethod
+    def _of(cls, world: _ambf.World) -> Simulation:
+        """A simulation around a world that is there."""
+        made = cls.__new__(cls)
+        made._world = world
+        made.warnings = tuple(world.warnings)
+        made._handles = {}
+        made._bind()
+        return made
+
     def _bind(self) -> None:
         """Takes the names and arrays of what there is."""
         vars(self).update(dict.fromkeys((*_STATES, *_COMMANDS, *PARAMETERS)))
@@ -549,6 +559,26 @@ class Simulation(Arrays):
         """
         self._world.restore(state)
         self._read_parameters()
+
+    def record(self, path: Path) -> None:
+        """Records all that changes the motion from now on, so that another process can make the same motion again, bit for bit:
+        `Recording`. To be called before the first `step`, or directly after `reset`, before anything is commanded or changed.
+
+        A thread writes; a disk that is too slow or full ends the recording, which `notices` and `stop_recording` say, and not the
+        simulation. A file that is there is not overwritten. Raises RecordingError, and there is no file then.
+        """
+        self._world.record(os.fspath(path))
+
+    def stop_recording(self) -> int:
+        """Completes the recording; how many updates are in it. Closing the simulation does it, too.
+
+        Raises RecordingError if there is none, or if it has ended before.
+        """
+        return self._world.stop_recording()
+
+    def note(self, text: str) -> None:
+        """Puts a note into the recording, such as the name of a stage; it has the present time."""
+        self._world.note(text)
 
     def set_energy_ledger(self, enabled: bool) -> None:
         """Switches the energy ledger on, with all sums at 0, or off. It is off at first. It changes no motion."""
