@@ -172,7 +172,8 @@ fn what_is_cut_is_replayed() {
     check("drill", simulation, |mut simulation| {
         let volume = simulation.scene().volumes.ids().next().expect("a volume");
         let drill = simulation.scene().bodies.ids().next().expect("a drill");
-        let solid = |simulation: &Simulation| simulation.scene().volumes[volume].voxels().map(|voxels| voxels.count_solid());
+        let solid =
+            |simulation: &Simulation| simulation.scene().volumes[volume].voxels().map(|voxels| voxels.count_solid());
         let first = solid(&simulation);
         let mut states = Vec::new();
         let mut press = |simulation: &mut Simulation| {

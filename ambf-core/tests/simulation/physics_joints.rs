@@ -268,7 +268,8 @@ fn stretch_of_a_chain(solver: &str) -> f64 {
             i - 1
         );
     }
-    let world = format!("gravity: {{x: 0, y: 0, z: -10}}\nphysics: {{profile: legacy, solver: {solver}, iterations: 30}}\n");
+    let world =
+        format!("gravity: {{x: 0, y: 0, z: -10}}\nphysics: {{profile: legacy, solver: {solver}, iterations: 30}}\n");
     let mut bench = Bench::new(&world, &text);
     bench.steps(2000);
     (bench.position("L12").z + 0.12).abs()

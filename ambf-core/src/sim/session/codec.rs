@@ -8,8 +8,8 @@ use thiserror::Error;
 
 use crate::adf::{Gains, ObjectType};
 use crate::comm::{
-    ActuatorCommand, CameraParameters, CartesianCommandType, CarveCommand, JointCommandType, LightParameters, PoseCommand,
-    RigidBodyCommand, SoftBodyCommand, VehicleCommand,
+    ActuatorCommand, CameraParameters, CartesianCommandType, CarveCommand, JointCommandType, LightParameters,
+    PoseCommand, RigidBodyCommand, SoftBodyCommand, VehicleCommand,
 };
 use crate::ids::{BodyId, JointId};
 use crate::plugin::{Command, ObjectId};
