@@ -7,7 +7,6 @@ import sys
 import unittest
 
 import harness
-import numpy as np
 import rospy
 from ambf_peg_transfer.arms import about
 from ambf_peg_transfer.player import Player, scene
@@ -84,14 +83,27 @@ class Teleoperated(unittest.TestCase):
 
         master = harness.Master()
         self.addCleanup(master.stop)
-        words = ("--launch_file", FOLDER / "launch.yaml", "-l", "0,1,2,4", "-p", "200", "-t", "1", "--profile", "accurate")
+        words = (
+            "--launch_file",
+            FOLDER / "launch.yaml",
+            "-l",
+            "0,1,2,4",
+            "-p",
+            "200",
+            "-t",
+            "1",
+            "--profile",
+            "accurate",
+        )
         with harness.Simulator(master.port, *words, "--crtk", FOLDER / "crtk_both.yaml") as simulator:
             simulator.wait_for_topics("/PSM1/setpoint_cp", "/ambf/env/phantom/block2/State")
             use_master(master.port)
             rospy.init_node("operator", disable_signals=True)
             settings = Settings(scale=SCALE, jaw=(0.0, WIDEST))
             couplings = [Teleoperation(f"/{hand}", f"/{arm}", settings) for hand, arm in MASTERS.items()]
-            referee = harness.Program([sys.executable, "-u", "-m", "ambf_peg_transfer"], harness.environment(master.port))
+            referee = harness.Program(
+                [sys.executable, "-u", "-m", "ambf_peg_transfer"], harness.environment(master.port)
+            )
             with referee:
                 scores = []
                 rospy.Subscriber(
@@ -103,7 +115,7 @@ class Teleoperated(unittest.TestCase):
                 command = [program, *MASTERS, "--rate", "250", "--quiet", "--script", script]
                 with harness.Program(command, harness.environment(master.port)):
                     harness.wait_for(
-                        lambda: scores[-1]["points"] == 1, "a point", patience_s=seconds + harness.PATIENCE_S
+                        lambda: scores[-1]["points"] == 1, "a point", seconds=seconds + harness.PATIENCE_S
                     )
             for coupling in couplings:
                 coupling.close()
