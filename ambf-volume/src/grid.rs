@@ -900,6 +900,21 @@ pub(crate) struct Touched {
     near: Vec<[usize; 3]>,
 }
 
+impl Touched {
+    /// Room for a ball of as many voxels: their bricks, each named once a voxel, and once with its neighbours.
+    pub(crate) fn with_room(voxels: usize) -> Self {
+        // A brick has 8³ voxels; an eighth of that is left for bricks of which the ball has a part only.
+        Self { changed: Vec::with_capacity(voxels), near: Vec::with_capacity(27 * voxels.div_ceil(EDGE * EDGE)) }
+    }
+
+    pub(crate) fn shrink_to(&mut self, voxels: usize) {
+        self.changed.clear();
+        self.changed.shrink_to(voxels);
+        self.near.clear();
+        self.near.shrink_to(27 * voxels.div_ceil(EDGE * EDGE));
+    }
+}
+
 /// The smallest density from 0 to 255 that is solid.
 fn threshold_of(iso: f64) -> u8 {
     (iso * 255.0).ceil().clamp(1.0, 255.0) as u8
