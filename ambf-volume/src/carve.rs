@@ -1,14 +1,19 @@
 //! Cutting: what a shape removes on its way from one pose to another.
 
 use std::collections::BinaryHeap;
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use thiserror::Error;
 
-use crate::grid::{Touched, VoxelGrid};
+use crate::grid::{Touched, Voxel, VoxelGrid};
 
 /// Most poses between which a shape that is not a ball is moved in one stroke.
 const MOST_POSES: f64 = 4096.0;
+/// Most voxels in the box around a stroke, times the poses at which each is tested: a grid of 512³ voxels, once.
+const MOST_TESTS: usize = 1 << 27;
+/// Voxels for which a [`Carver`] keeps room after a stroke that needed more.
+const KEPT: usize = 1 << 16;
 
 /// What cuts; in its own frame, m.
 #[derive(Clone, Debug, PartialEq)]
@@ -91,6 +96,17 @@ pub enum CarveError {
         /// m.
         most: f64,
     },
+    /// Error when a stroke would take too long: the physics waits for it.
+    #[error("the stroke needs up to {tests} tests of voxels ({voxels} voxels around it at {poses} poses), at most {MOST_TESTS} are possible: \
+             divide it into shorter strokes, or make the shape smaller")]
+    TooMuch {
+        /// In the box that the stroke sweeps, as far as it is in the grid.
+        voxels: usize,
+        /// At which each voxel is tested.
+        poses: usize,
+        /// Both multiplied.
+        tests: usize,
+    },
 }
 
 /// What was removed.
@@ -107,6 +123,21 @@ pub struct Carved {
 }
 
 impl Carved {
+    /// Room for `voxels`, so that as many take no memory later.
+    pub fn with_room(voxels: usize) -> Self {
+        let mut carved = Self::default();
+        carved.indices.reserve(voxels);
+        carved.colors.reserve(voxels);
+        carved.labels.reserve(voxels);
+        carved
+    }
+
+    fn shrink_to(&mut self, voxels: usize) {
+        self.indices.shrink_to(voxels);
+        self.colors.shrink_to(voxels);
+        self.labels.shrink_to(voxels);
+    }
+
     /// Forgets everything, but keeps its room.
     pub fn clear(&mut self) {
         self.indices.clear();
@@ -131,8 +162,12 @@ struct Candidate(std::cmp::Reverse<(u64, usize)>);
 /// Cuts, and keeps room and what is left of a rate between strokes: one for each tool.
 #[derive(Clone, Debug, Default)]
 pub struct Carver {
+    /// Voxels for which room is kept.
+    room: usize,
     candidates: Vec<Candidate>,
     order: Vec<[usize; 3]>,
+    /// Of a shape that is not a ball, along its way.
+    poses: Vec<Isometry3<f64>>,
     touched: Touched,
     carved: Carved,
     /// m³ that a rate has left over.
@@ -211,15 +246,16 @@ impl Rule {
 }
 
 impl Carver {
-    /// Room for `voxels` in a stroke, so that it takes no memory then.
+    /// Room for `voxels` in a stroke of a ball, so that finding and choosing them takes no memory then.
     pub fn with_room(voxels: usize) -> Self {
-        let mut carver = Self::default();
-        carver.candidates.reserve(voxels);
-        carver.order.reserve(voxels);
-        carver.carved.indices.reserve(voxels);
-        carver.carved.colors.reserve(voxels);
-        carver.carved.labels.reserve(voxels);
-        carver
+        Self {
+            room: voxels,
+            candidates: Vec::with_capacity(voxels),
+            order: Vec::with_capacity(voxels),
+            touched: Touched::with_room(voxels),
+            carved: Carved::with_room(voxels),
+            ..Self::default()
+        }
     }
 
     /// What the last stroke has removed.
@@ -230,7 +266,8 @@ impl Carver {
     /// Removes solid voxels whose centres the shape covers on its way.
     ///
     /// The way of a ball is exact. Other shapes are put at poses between which no point of them moves by more than half
-    /// the smallest edge of a voxel.
+    /// the smallest edge of a voxel. Room that only a large stroke needs is given back: that for what was removed by the
+    /// next stroke.
     ///
     /// # Errors
     /// [`CarveError`]; nothing is removed then.
@@ -241,37 +278,79 @@ impl Carver {
         stroke: &Stroke,
         rule: Rule,
     ) -> Result<&Carved, CarveError> {
+        self.plan(grid, shape, stroke, rule)?;
+        Ok(self.remove(grid))
+    }
+
+    /// As [`carve`](Self::carve) of a grid that others hold: they keep it as it is. Where nothing is removed it stays
+    /// the same grid, and nothing is copied.
+    ///
+    /// # Errors
+    /// As [`carve`](Self::carve).
+    pub fn carve_shared(
+        &mut self,
+        grid: &mut Arc<VoxelGrid>,
+        shape: &Shape,
+        stroke: &Stroke,
+        rule: Rule,
+    ) -> Result<&Carved, CarveError> {
+        self.plan(grid, shape, stroke, rule)?;
+        if self.order.is_empty() {
+            return Ok(&self.carved);
+        }
+        Ok(self.remove(Arc::make_mut(grid)))
+    }
+
+    /// Finds what goes, in order.
+    fn plan(&mut self, grid: &VoxelGrid, shape: &Shape, stroke: &Stroke, rule: Rule) -> Result<(), CarveError> {
+        let kept = self.room.max(KEPT);
         self.carved.clear();
+        self.carved.shrink_to(kept);
+        self.candidates.clear();
+        self.order.clear();
         shape.check()?;
         rule.check()?;
         let is_finite = |pose: &Isometry3<f64>| pose.to_homogeneous().iter().all(|c| c.is_finite());
         if !(is_finite(&stroke.from) && is_finite(&stroke.to)) {
             return Err(CarveError::Pose);
         }
-        self.candidates.clear();
-        self.order.clear();
         if let Shape::Voxels(voxels) = shape {
-            let size = grid.size();
-            let inside = |voxel: &&[i64; 3]| (0..3).all(|axis| (0..size[axis] as i64).contains(&voxel[axis]));
-            self.order.extend(voxels.iter().filter(inside).map(|voxel| voxel.map(|i| i as usize)));
-        } else {
-            self.find(grid, shape, stroke)?;
-            self.choose(grid, rule);
+            let there = voxels.iter().filter_map(|voxel| {
+                let size = grid.size();
+                let inside = (0..3).all(|axis| (0..size[axis] as i64).contains(&voxel[axis]));
+                let index = voxel.map(|i| i as usize);
+                (inside && grid.voxel(index) != Some(Voxel::default())).then_some(index)
+            });
+            self.order.extend(there);
+            return Ok(());
         }
+        self.find(grid, shape, stroke)?;
+        self.choose(grid, rule);
+        self.candidates.clear();
+        self.candidates.shrink_to(kept);
+        Ok(())
+    }
+
+    /// Removes what goes.
+    fn remove(&mut self, grid: &mut VoxelGrid) -> &Carved {
+        let kept = self.room.max(KEPT);
         let Self { order, touched, carved, .. } = self;
         grid.erase(order.iter().copied(), touched, |index, voxel, color| {
             carved.indices.push(index.map(|i| i as u32));
             carved.colors.push(color);
             carved.labels.push(voxel.label);
         });
-        self.carved.volume = grid.voxel_volume() * self.carved.indices.len() as f64;
-        Ok(&self.carved)
+        carved.volume = grid.voxel_volume() * carved.indices.len() as f64;
+        order.clear();
+        order.shrink_to(kept);
+        touched.shrink_to(kept);
+        carved
     }
 
     /// Finds all voxels that may go.
     fn find(&mut self, grid: &VoxelGrid, shape: &Shape, stroke: &Stroke) -> Result<(), CarveError> {
         let size = grid.size();
-        let candidates = &mut self.candidates;
+        let Self { candidates, poses, .. } = self;
         let mut offer = |index: [usize; 3], square: f64| {
             // Squares are not negative: their bits are ordered as they are.
             let place = (index[2] * size[1] + index[1]) * size[0] + index[0];
@@ -279,26 +358,39 @@ impl Carver {
         };
         let origin = |pose: &Isometry3<f64>| Point3::from(pose.translation.vector);
         let (from, to) = (origin(&stroke.from), origin(&stroke.to));
+        let affordable = |reach: f64, poses: usize| {
+            let voxels = grid.count_near(&from, &to, reach);
+            let tests = voxels.saturating_mul(poses);
+            if tests > MOST_TESTS {
+                return Err(CarveError::TooMuch { voxels, poses, tests });
+            }
+            Ok(())
+        };
         if let Shape::Sphere { radius } = shape {
+            affordable(*radius, 1)?;
             grid.each_solid_near(&from, &to, *radius, offer);
             return Ok(());
         }
         let turn = stroke.from.rotation.angle_to(&stroke.to.rotation);
-        let moved = (to - from).norm() + turn * shape.reach();
+        // A reach that overflows is not moved by no turn.
+        let turned = if turn > 0.0 { turn * shape.reach() } else { 0.0 };
+        let moved = (to - from).norm() + turned;
         let step = 0.5 * grid.spacing().min();
         if moved > MOST_POSES * step {
             return Err(CarveError::TooFar { moved, most: MOST_POSES * step });
         }
-        let steps = (moved / step).ceil().max(1.0) as usize;
-        let pose_at = |at: usize| {
-            let part = at as f64 / steps as f64;
+        let steps = (moved / step).ceil() as usize;
+        affordable(shape.reach(), steps + 1)?;
+        poses.clear();
+        poses.extend((0..=steps).map(|at| {
+            let part = at as f64 / steps.max(1) as f64;
             let rotation = stroke.from.rotation.try_slerp(&stroke.to.rotation, part, 1e-9);
             let rotation = rotation.unwrap_or(stroke.from.rotation);
             Isometry3::from_parts((from + (to - from) * part).into(), rotation)
-        };
+        }));
         grid.each_solid_near(&from, &to, shape.reach(), |index, _| {
             let center = grid.center(index);
-            let depths = (0..=steps).filter_map(|at| shape.depth(&pose_at(at).inverse_transform_point(&center)));
+            let depths = poses.iter().filter_map(|pose| shape.depth(&pose.inverse_transform_point(&center)));
             if let Some(square) = depths.reduce(f64::min) {
                 offer(index, square);
             }
@@ -339,5 +431,56 @@ impl Carver {
             self.carry = budget;
         }
         self.candidates = heap.into_vec();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Label;
+
+    fn full(edge: usize) -> VoxelGrid {
+        let labels = vec![Label::of_color([255; 3])];
+        let voxel = |_| Voxel { density: 255, label: 1 };
+        VoxelGrid::from_fn([edge; 3], Vector3::repeat(1e-3 * edge as f64), 0.5, labels, voxel).unwrap()
+    }
+
+    fn stroke(by: f64) -> Stroke {
+        Stroke { from: Isometry3::translation(-0.5 * by, 0.0, 0.0), to: Isometry3::translation(0.5 * by, 0.0, 0.0) }
+    }
+
+    #[test]
+    fn a_stroke_that_would_take_hours_is_refused_before_a_voxel_is_visited() {
+        let mut grid = full(64);
+        let mut carver = Carver::default();
+        let cube = Shape::Box { half_edges: Vector3::repeat(0.1) };
+        let before = grid.clone();
+        let refused = carver.carve(&mut grid, &cube, &stroke(2.0), Rule::All).unwrap_err();
+        let CarveError::TooMuch { voxels, poses, tests } = refused else { panic!("{refused}") };
+        assert_eq!((voxels, poses, tests), (64 * 64 * 64, 4001, 64 * 64 * 64 * 4001));
+        assert!(refused.to_string().contains("shorter strokes"), "{refused}");
+        assert!(grid == before && carver.carved().indices.is_empty());
+        // A shorter one is not, and all at once is one test a voxel.
+        carver.carve(&mut grid, &cube, &stroke(0.01), Rule::Count(7)).unwrap();
+        assert_eq!(carver.carved().indices.len(), 7);
+        carver.carve(&mut grid, &cube, &stroke(0.0), Rule::All).unwrap();
+        assert_eq!((carver.carved().indices.len(), grid.count_solid()), (64 * 64 * 64 - 7, 0));
+    }
+
+    #[test]
+    fn a_large_stroke_leaves_no_room_and_one_that_removes_nothing_copies_nothing() {
+        let mut carver = Carver::with_room(100);
+        let ball = Shape::Sphere { radius: 1.0 };
+        let mut grid = Arc::new(full(64));
+        let shown = Arc::clone(&grid);
+        carver.carve_shared(&mut grid, &ball, &stroke(5.0), Rule::Rate { rate: 0.0, interval: 1.0 }).unwrap();
+        carver.carve_shared(&mut grid, &Shape::Voxels(vec![[-1, 0, 0]]), &stroke(0.0), Rule::All).unwrap();
+        assert!(Arc::ptr_eq(&grid, &shown));
+        carver.carve_shared(&mut grid, &ball, &stroke(0.0), Rule::All).unwrap();
+        assert_eq!((grid.count_solid(), shown.count_solid()), (0, 64 * 64 * 64));
+        assert!(carver.candidates.capacity() <= KEPT && carver.order.capacity() <= KEPT);
+        let now = Arc::clone(&grid);
+        carver.carve_shared(&mut grid, &Shape::Voxels(vec![[0; 3]]), &stroke(0.0), Rule::All).unwrap();
+        assert!(Arc::ptr_eq(&grid, &now) && carver.carved.indices.capacity() <= KEPT);
     }
 }

@@ -19,6 +19,8 @@ pub const CELLS: usize = EDGE * EDGE * EDGE;
 pub(crate) const CHUNK: usize = EDGE * EDGE;
 /// Most voxels of a grid.
 pub const MAX_VOXELS: usize = 1 << 30;
+/// Most bricks, which may be full in part only: twice as many as so many voxels need.
+const MAX_BRICKS: usize = 2 * MAX_VOXELS / CELLS;
 /// Most voxels along an edge.
 pub const MAX_EDGE: usize = 1 << 15;
 /// Most labels, without the one of empty voxels.
@@ -67,7 +69,7 @@ pub enum Coloring {
 #[non_exhaustive]
 pub enum GridError {
     /// Error when a grid would be too large.
-    #[error("{} x {} x {} voxels need up to {} MiB; at most {} voxels, {MAX_EDGE} in a row, are possible: reduce the resolution",
+    #[error("{} x {} x {} voxels need up to {} MiB; at most {} voxels, {MAX_EDGE} in a row, in {MAX_BRICKS} bricks of {EDGE}³ are possible: reduce the resolution",
         size[0], size[1], size[2], mib(size), MAX_VOXELS)]
     TooLarge {
         /// Voxels along x, y and z.
@@ -194,7 +196,10 @@ pub fn check_size(size: [usize; 3]) -> Result<(), GridError> {
         return Err(GridError::Empty { size });
     }
     let voxels = size.iter().try_fold(1_usize, |product, &edge| product.checked_mul(edge));
-    if size.iter().any(|&edge| edge > MAX_EDGE) || voxels.is_none_or(|voxels| voxels > MAX_VOXELS) {
+    let is_long = size.iter().any(|&edge| edge > MAX_EDGE);
+    // Of edges that are not longer, the product is no problem.
+    let bricks = || size.iter().map(|edge| edge.div_ceil(EDGE)).product::<usize>();
+    if is_long || voxels.is_none_or(|voxels| voxels > MAX_VOXELS) || bricks() > MAX_BRICKS {
         return Err(GridError::TooLarge { size });
     }
     Ok(())
@@ -898,6 +903,21 @@ impl VoxelGrid {
 pub(crate) struct Touched {
     changed: Vec<[usize; 3]>,
     near: Vec<[usize; 3]>,
+}
+
+impl Touched {
+    /// Room for a ball of as many voxels: their bricks, each named once a voxel, and once with its neighbours.
+    pub(crate) fn with_room(voxels: usize) -> Self {
+        // A brick has 8³ voxels; an eighth of that is left for bricks of which the ball has a part only.
+        Self { changed: Vec::with_capacity(voxels), near: Vec::with_capacity(27 * voxels.div_ceil(EDGE * EDGE)) }
+    }
+
+    pub(crate) fn shrink_to(&mut self, voxels: usize) {
+        self.changed.clear();
+        self.changed.shrink_to(voxels);
+        self.near.clear();
+        self.near.shrink_to(27 * voxels.div_ceil(EDGE * EDGE));
+    }
 }
 
 /// The smallest density from 0 to 255 that is solid.

@@ -1,9 +1,11 @@
 //! NRRD files (<https://teem.sourceforge.net/nrrd/format.html>): a text header, and numbers in the same file or beside
 //! it; with segments as 3D Slicer names them.
 //!
-//! Voxel (i, j, k) is the sample of these indices along the three axes of space. Colours (an axis of kind `RGBA-color` or
+//! Voxel (i, j, k) is the sample of these indices along the three axes of space; where these are left-handed, k is counted
+//! from the last sample, so that nothing is mirrored. Colours (an axis of kind `RGBA-color` or
 //! of 3 or 4 samples before the axes of space) have alpha, or their brightest channel, as density. Segments have the
-//! density 255. Other numbers are spread over 0 to 255 between the smallest and the largest, but bytes, which stay.
+//! density 255. Other numbers are spread over 0 to 255 between the smallest and the largest, but bytes, which stay; where
+//! all are equal, those that are not 0 have the density 255.
 //!
 //! ## Limitations
 //! One data file; encodings `raw`, `gzip` and text; all integers and floats, no `block`.
@@ -25,6 +27,10 @@ use crate::{Coloring, GridError, Label, Voxel, VoxelGrid};
 const MAX_HEADER: usize = 1 << 20;
 /// Most samples a voxel: colours, or layers of segments.
 const MAX_LAYERS: usize = 16;
+/// Most bytes of data, packed or not.
+const MAX_DATA: usize = MAX_VOXELS * 8;
+/// Bytes behind the data that are nobody's error: a line end.
+const SLACK: usize = 2;
 
 /// Error when a NRRD file cannot be used.
 #[derive(Debug, Error)]
@@ -67,7 +73,7 @@ pub enum NrrdProblem {
     /// Error when the data have another length than the sizes say.
     #[error("{got} bytes or numbers of data, {expected} were expected from type and sizes")]
     Length {
-        /// What is there, at most one more than expected.
+        /// What is there, or a few more than expected.
         got: usize,
         /// What the sizes say.
         expected: usize,
@@ -182,7 +188,7 @@ struct Header {
 /// [`NrrdError`]. Nothing larger than the sizes in the header is reserved, and these are checked before.
 pub fn read(path: &Path, iso: f64) -> Result<Loaded, NrrdError> {
     let failed = |problem| NrrdError { path: path.to_path_buf(), line: None, problem };
-    let limit = (MAX_HEADER + MAX_VOXELS * 8) as u64;
+    let limit = (MAX_HEADER + MAX_DATA) as u64;
     let bytes = files::read(path, limit).map_err(|error| failed(error.into()))?;
     parse(&bytes, iso, path, &|name| {
         let beside = path.parent().unwrap_or(Path::new("")).join(name);
@@ -324,8 +330,11 @@ fn load(
     }
     check_size(size).map_err(|error| (None, error.into()))?;
     let voxels = size.iter().product::<usize>();
-    let numbers = voxels.checked_mul(layers).filter(|numbers| *numbers <= 4 * MAX_VOXELS);
-    let numbers = numbers.ok_or((None, NrrdProblem::Grid(GridError::TooLarge { size })))?;
+    // Both factors are small enough by now.
+    let numbers = voxels * layers;
+    if numbers > MAX_DATA / kind.bytes() {
+        return Err(header.wrong("sizes", "at most 8 GiB of data: a smaller type, fewer layers, or a lower resolution"));
+    }
     let big = match header.field("endian").map(|(_, text)| text.to_ascii_lowercase()) {
         None => false,
         Some(text) if text == "little" => false,
@@ -339,12 +348,15 @@ fn load(
         _ => return Err(header.wrong("encoding", "raw, gzip or ascii: save it anew")),
     };
     let data = samples(header, bytes, kind, big, encoding, numbers, beside)?;
-    let (edges, pose) = place(header, size, sizes.len() == 4, &mut notes)?;
+    let Place { edges, pose, is_mirrored } = place(header, size, sizes.len() == 4, &mut notes)?;
     let made = |grid: Result<VoxelGrid, GridError>| grid.map_err(|error| (None, error.into()));
     let grid;
     let segments = segments(header, &mut notes);
     let colors = header.field("kinds").is_some_and(|(_, kinds)| kinds.to_ascii_lowercase().contains("-color"));
-    let flat = |[i, j, k]: [usize; 3]| ((k * size[1] + j) * size[0] + i) * layers;
+    let flat = |[i, j, k]: [usize; 3]| {
+        let k = if is_mirrored { size[2] - 1 - k } else { k };
+        ((k * size[1] + j) * size[0] + i) * layers
+    };
     let number = |at: usize| kind.number(&data[at * kind.bytes()..], big);
     if !segments.is_empty() {
         let labels: Vec<Label> = segments.iter().map(|segment| segment.label.clone()).collect();
@@ -397,14 +409,24 @@ fn load(
         } else {
             let values = (0..numbers).step_by(layers).map(number).filter(|value| value.is_finite());
             values.for_each(|value| (low, high) = (low.min(value), high.max(value)));
-            if low <= high {
+            if low == high {
+                notes.push(format!("all numbers are {low}: density 1, or 0 for the number 0"));
+            } else if low < high {
                 notes.push(format!("densities 0 to 1 stand for {low} to {high}"));
             }
         }
-        let spread = if high > low { 255.0 / (high - low) } else { 0.0 };
-        let mut read = made(VoxelGrid::from_fn(size, edges, iso, vec![Label::of_color([255; 3])], |index| {
+        // Half of numbers of opposite signs is apart by what can be represented.
+        let scale = if (high - low).is_finite() { 1.0 } else { 0.5 };
+        let (least, span) = (low * scale, high * scale - low * scale);
+        let density = |value: f64| {
+            if low == high {
+                return if value.is_finite() && value != 0.0 { 255 } else { 0 };
+            }
             // What is no number is empty; `as` saturates.
-            let density = ((number(flat(index)) - low) * spread).round() as u8;
+            ((value * scale - least) / span * 255.0).round() as u8
+        };
+        let mut read = made(VoxelGrid::from_fn(size, edges, iso, vec![Label::of_color([255; 3])], |index| {
+            let density = density(number(flat(index)));
             Voxel { density, label: u8::from(density > 0) }
         }))?;
         let labels = read.labels()[1..].to_vec();
@@ -446,13 +468,19 @@ fn samples(
     let unpacked;
     let skip = header.skip("byte skip")?.unwrap_or(0);
     if encoding == Encoding::Gzip {
-        let most = expected as u64 + skip.max(0) as u64 + 1;
+        let failed = |error: io::Error| (None, error.into());
+        let skipped = u64::try_from(skip).map_err(|_| header.wrong("byte skip", "a number that is not negative"))?;
+        let mut decoder = MultiGzDecoder::new(data);
+        // What is skipped is not held.
+        let passed = io::copy(&mut decoder.by_ref().take(skipped), &mut io::sink()).map_err(failed)?;
+        if passed < skipped {
+            return Err(header.wrong("byte skip", "fewer bytes than there are"));
+        }
         let mut out = Vec::new();
-        MultiGzDecoder::new(data).take(most).read_to_end(&mut out).map_err(|error| (None, error.into()))?;
+        decoder.take((expected + SLACK + 1) as u64).read_to_end(&mut out).map_err(failed)?;
         unpacked = out;
         data = &unpacked;
-    }
-    if skip == -1 && encoding == Encoding::Raw {
+    } else if skip == -1 && encoding == Encoding::Raw {
         data = &data[data.len().saturating_sub(expected)..];
     } else if skip >= 0 {
         data = data.get(skip as usize..).ok_or_else(|| header.wrong("byte skip", "fewer bytes than there are"))?;
@@ -463,9 +491,8 @@ fn samples(
         (None, NrrdProblem::Length { got, expected: if encoding == Encoding::Text { numbers } else { expected } })
     };
     if encoding != Encoding::Text {
-        // A line end after attached data is not an error of anybody.
         return match data.len() {
-            length if length < expected || length > expected + 2 => Err(wrong(length)),
+            length if length < expected || length > expected + SLACK => Err(wrong(length)),
             _ => Ok(data[..expected].to_vec()),
         };
     }
@@ -505,13 +532,33 @@ fn samples(
     }
 }
 
-/// Edges of the box, m, and the pose of its centre.
-fn place(
-    header: &Header,
-    size: [usize; 3],
-    skip_first: bool,
-    notes: &mut Vec<String>,
-) -> Result<(Vector3<f64>, Isometry3<f64>), Problem> {
+/// Where the voxels are.
+struct Place {
+    /// Of the box, m.
+    edges: Vector3<f64>,
+    /// Of the box's centre.
+    pose: Isometry3<f64>,
+    /// Whether the third index runs against the third axis of the box, whose axes are right-handed.
+    is_mirrored: bool,
+}
+
+/// Signs of the coordinates of a space in left-posterior-superior.
+fn signs(header: &Header) -> Result<Vector3<f64>, Problem> {
+    let Some((_, text)) = header.field("space") else { return Ok(Vector3::repeat(1.0)) };
+    let name = text.to_ascii_lowercase().replace([' ', '-', '_'], "");
+    Ok(match name.as_str() {
+        // Of the last two nobody knows how they are to a patient: they stay.
+        "leftposteriorsuperior" | "lps" | "scannerxyz" | "3drighthanded" => Vector3::new(1.0, 1.0, 1.0),
+        "rightanteriorsuperior" | "ras" => Vector3::new(-1.0, -1.0, 1.0),
+        "leftanteriorsuperior" | "las" => Vector3::new(1.0, -1.0, 1.0),
+        _ => return Err(header.wrong(
+            "space",
+            "left-posterior-superior, right-anterior-superior, left-anterior-superior, scanner-xyz or 3D-right-handed",
+        )),
+    })
+}
+
+fn place(header: &Header, size: [usize; 3], skip_first: bool, notes: &mut Vec<String>) -> Result<Place, Problem> {
     // Numbers are mm, unless units say something else.
     let unit = match header.field("space units").map(|(_, text)| text.to_ascii_lowercase()) {
         Some(text) if text.contains("\"m\"") => 1.0,
@@ -540,37 +587,44 @@ fn place(
     } else {
         notes.push("neither `space directions` nor `spacings`: voxels of 1 mm".to_owned());
     }
-    axes *= unit;
+    let to_space = Matrix3::from_diagonal(&signs(header)?) * unit;
+    axes = to_space * axes;
     let spacing = Vector3::from_fn(|axis, _| axes.column(axis).norm());
     if !spacing.iter().all(|edge| edge.is_finite() && *edge > 0.0 && *edge < 1e6) {
         return Err(header.wrong("space directions", "vectors that are not zero"));
     }
     let edges = Vector3::from_fn(|axis, _| spacing[axis] * size[axis] as f64);
     let mut rotation = Matrix3::from_fn(|row, column| axes[(row, column)] / spacing[column]);
-    if rotation.determinant() < 0.0 {
-        notes.push("the axes are left-handed: the volume is drawn as its mirror image along the third axis".to_owned());
+    let is_mirrored = rotation.determinant() < 0.0;
+    if is_mirrored {
+        notes.push("the axes are left-handed: the third index of a voxel is counted from the other end".to_owned());
         let mirrored = -rotation.column(2);
         rotation.set_column(2, &mirrored);
     }
     if rotation.determinant() < 1e-3 {
         return Err(header.wrong("space directions", "vectors that are not in a plane"));
     }
-    let mut rotation = Rotation3::from_matrix_eps(&rotation, f64::EPSILON, 100, Rotation3::identity());
+    // The nearest rotation, by Newton's method for the polar decomposition (Higham 1986): it converges quadratically,
+    // and perpendicular axes stay as they are.
+    let given = rotation;
+    for _ in 0..20 {
+        let Some(inverse) = rotation.try_inverse() else { break };
+        rotation = (rotation + inverse.transpose()) * 0.5;
+    }
+    if (rotation - given).norm() > 1e-3 {
+        notes.push("the axes are not perpendicular: the volume is drawn in the nearest box".to_owned());
+    }
+    let rotation = Rotation3::from_matrix_unchecked(rotation);
     let mut origin = Vector3::zeros();
     if let Some((_, text)) = header.field("space origin") {
         let given = vector(text).filter(|given| given.len() == 3);
-        origin =
-            Vector3::from_column_slice(&given.ok_or_else(|| header.wrong("space origin", "a vector (x,y,z)"))?) * unit;
+        let given = given.ok_or_else(|| header.wrong("space origin", "a vector (x,y,z)"))?;
+        origin = to_space * Vector3::from_column_slice(&given);
     }
-    // The origin is the centre of the first voxel.
-    let mut center = origin + rotation * ((edges - spacing) * 0.5);
-    let space = header.field("space").map(|(_, text)| text.to_ascii_lowercase().replace([' ', '_'], "-"));
-    if space.is_some_and(|space| space.starts_with("right-anterior") || space.starts_with("ras")) {
-        // To left-posterior-superior: half a turn about z.
-        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
-        (rotation, center) = (turn * rotation, turn * center);
-    }
-    Ok((edges, Isometry3::from_parts(center.into(), UnitQuaternion::from_rotation_matrix(&rotation))))
+    // The origin is the centre of the first voxel of the file, whatever the handedness.
+    let center = origin + axes * Vector3::from_fn(|axis, _| 0.5 * (size[axis] - 1) as f64);
+    let pose = Isometry3::from_parts(center.into(), UnitQuaternion::from_rotation_matrix(&rotation));
+    Ok(Place { edges, pose, is_mirrored })
 }
 
 struct Segment {

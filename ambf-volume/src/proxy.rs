@@ -73,6 +73,16 @@ struct Found {
     index: [usize; 3],
 }
 
+/// What is on a way.
+enum Way {
+    /// Nothing.
+    Free,
+    /// Nothing up to here; the rest has not been looked at.
+    Open(Point3<f64>),
+    /// A contact.
+    Held(Found),
+}
+
 impl Proxy {
     /// A ball of a radius, m, that is nowhere yet.
     pub fn new(radius: f64) -> Self {
@@ -104,14 +114,21 @@ impl Proxy {
         let mut aim = *goal;
         let mut target = aim;
         for _ in 0..SEARCHES {
-            let Some(found) = self.touch(grid, surface, &at, &target) else {
-                at = target;
-                if target == aim {
-                    break;
+            let found = match self.touch(grid, surface, &at, &target) {
+                Way::Held(found) => found,
+                Way::Open(free) => {
+                    at = free;
+                    continue;
                 }
-                // Beside a plane of contact the surface falls away: on from there.
-                (held, target) = (0, aim);
-                continue;
+                Way::Free => {
+                    at = target;
+                    if target == aim {
+                        break;
+                    }
+                    // Beside a plane of contact the surface falls away: on from there.
+                    (held, target) = (0, aim);
+                    continue;
+                }
             };
             at = found.center;
             let is_first = self.touched.is_none();
@@ -173,27 +190,27 @@ impl Proxy {
     }
 
     /// First touch on a straight way.
-    fn touch(&mut self, grid: &VoxelGrid, surface: Surface, from: &Point3<f64>, to: &Point3<f64>) -> Option<Found> {
-        if surface == Surface::Balls {
-            let reach = self.radius + grid.ball();
-            let way = to - from;
-            let touch = grid.sweep(from, to, reach)?;
-            // A ball at rest on a surface moves away from it freely.
-            if touch.part == 0.0 && way.dot(&touch.normal) > -1e-9 * way.norm() {
-                let lifted = from + touch.normal * TOLERANCE;
-                let again = grid.sweep(&lifted, &(to + touch.normal * TOLERANCE), reach)?;
-                return Some(Found {
-                    center: again.center + again.normal * TOLERANCE,
-                    normal: again.normal,
-                    index: again.index,
-                });
-            }
-            return Some(Found {
-                center: touch.center + touch.normal * TOLERANCE,
-                normal: touch.normal,
-                index: touch.index,
-            });
+    fn touch(&mut self, grid: &VoxelGrid, surface: Surface, from: &Point3<f64>, to: &Point3<f64>) -> Way {
+        match surface {
+            Surface::Balls => self.touch_balls(grid, from, to).map_or(Way::Free, Way::Held),
+            Surface::Interpolated => self.touch_interpolated(grid, from, to).unwrap_or(Way::Free),
         }
+    }
+
+    fn touch_balls(&self, grid: &VoxelGrid, from: &Point3<f64>, to: &Point3<f64>) -> Option<Found> {
+        let reach = self.radius + grid.ball();
+        let way = to - from;
+        let mut touch = grid.sweep(from, to, reach)?;
+        // A ball at rest on a surface moves away from it freely.
+        if touch.part == 0.0 && way.dot(&touch.normal) > -1e-9 * way.norm() {
+            let lift = touch.normal * TOLERANCE;
+            touch = grid.sweep(&(from + lift), &(to + lift), reach)?;
+        }
+        Some(Found { center: touch.center + touch.normal * TOLERANCE, normal: touch.normal, index: touch.index })
+    }
+
+    /// `None`: nothing is near the way.
+    fn touch_interpolated(&mut self, grid: &VoxelGrid, from: &Point3<f64>, to: &Point3<f64>) -> Option<Way> {
         let way = to - from;
         let length = way.norm();
         if length == 0.0 {
@@ -210,7 +227,7 @@ impl Proxy {
             let approach = -direction.dot(&normal);
             if gap < 2.0 * TOLERANCE && approach > 1e-9 {
                 // Out of what rounding or a rough surface has left.
-                return Some(Found { center: at + normal * (TOLERANCE - gap).max(0.0), normal, index });
+                return Some(Way::Held(Found { center: at + normal * (TOLERANCE - gap).max(0.0), normal, index }));
             }
             if gap < 2.0 * TOLERANCE {
                 // It slides along, or leaves: as far as a voxel's part, then it is looked again.
@@ -219,20 +236,19 @@ impl Proxy {
                 along += gap;
             }
             if along >= length {
-                let end = grid.interpolated_distance(to, reach, self.guess);
-                return end.filter(|(distance, ..)| *distance < self.radius - TOLERANCE).map(
-                    |(distance, normal, index)| Found {
-                        center: to + normal * (self.radius + TOLERANCE - distance),
-                        normal,
-                        index,
-                    },
-                );
+                let (distance, normal, index) = grid.interpolated_distance(to, reach, self.guess)?;
+                let center = to + normal * (self.radius + TOLERANCE - distance);
+                let is_held = distance < self.radius - TOLERANCE;
+                return is_held.then_some(Way::Held(Found { center, normal, index }));
             }
         }
-        let at = from + direction * along.min(length);
+        let at = from + direction * along;
         let (distance, normal, index) = grid.interpolated_distance(&at, reach, self.guess)?;
-        let out = (self.radius + TOLERANCE - distance).max(0.0);
-        Some(Found { center: at + normal * out, normal, index })
+        let gap = distance - self.radius;
+        if gap >= 2.0 * TOLERANCE {
+            return Some(Way::Open(at));
+        }
+        Some(Way::Held(Found { center: at + normal * (TOLERANCE - gap).max(0.0), normal, index }))
     }
 
     /// The nearest free place, if the ball is inside by more than a hundredth of a voxel.

@@ -476,6 +476,25 @@ impl VoxelGrid {
         });
     }
 
+    /// First and last voxels of what a box, widened by `reach`, has of the grid; `None`: nothing.
+    fn cells_of_box(&self, low: &Point3<f64>, high: &Point3<f64>, reach: f64) -> Option<([usize; 3], [usize; 3])> {
+        let widened = Vector3::repeat(reach);
+        let (low, high) = (self.to_cells(&(low - widened)), self.to_cells(&(high + widened)));
+        let size = self.size();
+        if (0..3).any(|axis| high[axis] < 0.0 || low[axis] > size[axis] as f64) {
+            return None;
+        }
+        let cell = |c: f64, axis: usize| (c.max(0.0) as usize).min(size[axis] - 1);
+        Some((std::array::from_fn(|axis| cell(low[axis], axis)), std::array::from_fn(|axis| cell(high[axis], axis))))
+    }
+
+    /// Voxels, solid or not, of the box around a thick segment: an upper bound of what
+    /// [`each_solid_near`](Self::each_solid_near) visits.
+    pub(crate) fn count_near(&self, from: &Point3<f64>, to: &Point3<f64>, reach: f64) -> usize {
+        let cells = self.cells_of_box(&from.inf(to), &from.sup(to), reach);
+        cells.map_or(0, |(low, high)| (0..3).map(|axis| high[axis] - low[axis] + 1).product())
+    }
+
     /// Bricks with something solid that a box, widened by `reach`, meets.
     fn visit_box<B>(
         &self,
@@ -484,15 +503,8 @@ impl VoxelGrid {
         reach: f64,
         mut visit: impl FnMut([usize; 3], &Brick) -> ControlFlow<B>,
     ) {
-        let widened = Vector3::repeat(reach);
-        let (low, high) = (self.to_cells(&(low - widened)), self.to_cells(&(high + widened)));
-        let size = self.size();
-        if (0..3).any(|axis| high[axis] < 0.0 || low[axis] > size[axis] as f64) {
-            return;
-        }
-        let cell = |c: f64, axis: usize| (c.max(0.0) as usize).min(size[axis] - 1);
-        let low: [usize; 3] = std::array::from_fn(|axis| cell(low[axis], axis) / EDGE);
-        let high: [usize; 3] = std::array::from_fn(|axis| cell(high[axis], axis) / EDGE);
+        let Some((low, high)) = self.cells_of_box(low, high, reach) else { return };
+        let (low, high) = (low.map(|cell| cell / EDGE), high.map(|cell| cell / EDGE));
         let chunk = |range: [usize; 3]| range.map(|b| b / EDGE);
         let (first_chunk, last_chunk) = (chunk(low), chunk(high));
         for cz in first_chunk[2]..=last_chunk[2] {

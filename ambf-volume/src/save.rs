@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use ambf_model::files::{folder_for, Output, WriteError};
 use image::{ExtendedColorType, ImageEncoder};
+use nalgebra::Isometry3;
 use thiserror::Error;
 
 use crate::surface::Mesh;
@@ -34,14 +35,15 @@ pub enum SaveError {
 }
 
 /// Saves voxels as what the name says: `.nrrd`, `.stl` or `.ply`; a name without an extension is a folder, in which the
-/// pictures `prefix<i>.png` are made.
+/// pictures `prefix<i>.png` are made. `pose` is that of the box's centre, left-posterior-superior, which only `.nrrd`
+/// holds; meshes are in the volume's frame.
 ///
 /// # Errors
 /// [`SaveError`].
-pub fn save(grid: &VoxelGrid, path: &Path, prefix: &str) -> Result<(), SaveError> {
+pub fn save(grid: &VoxelGrid, path: &Path, prefix: &str, pose: &Isometry3<f64>) -> Result<(), SaveError> {
     match path.extension().map(|extension| extension.to_ascii_lowercase()) {
         None => pictures(grid, path, prefix).map(|_| ()),
-        Some(extension) if extension == "nrrd" => Ok(nrrd::write(grid, path, &nalgebra::Isometry3::identity())?),
+        Some(extension) if extension == "nrrd" => Ok(nrrd::write(grid, path, pose)?),
         Some(extension) if extension == "stl" => Ok(stl(&grid.mesh(), path)?),
         Some(extension) if extension == "ply" => Ok(ply(&grid.mesh(), path)?),
         Some(_) => Err(SaveError::Format { path: path.to_path_buf() }),

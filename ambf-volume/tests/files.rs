@@ -143,7 +143,13 @@ fn what_is_saved_is_read_again() {
         }
     }
     for name in ["m.stl", "m.ply", "m.nrrd"] {
-        save::save(&phantom(true), &folder.path().join(name), "p").expect("it is saved");
+        let pose = Isometry3::new(Vector3::new(0.1, -0.2, 0.3), Vector3::new(0.2, 0.4, -0.6));
+        let path = folder.path().join(name);
+        save::save(&phantom(true), &path, "p", &pose).expect("it is saved");
+        if name == "m.nrrd" {
+            let read = nrrd::read(&path, 0.5).expect("it is read");
+            assert!((read.pose.to_homogeneous() - pose.to_homogeneous()).norm() < 1e-12);
+        }
     }
     let ply = ambf_model::mesh::load(&folder.path().join("m.ply")).expect("a mesh");
     let stl = ambf_model::mesh::load(&folder.path().join("m.stl")).expect("a mesh");
@@ -151,7 +157,7 @@ fn what_is_saved_is_read_again() {
         |mesh: &ambf_model::mesh::Mesh| mesh.sub_meshes.iter().map(|part| part.triangles.len()).sum::<usize>();
     assert_eq!(triangles(&ply), phantom(true).mesh().triangles.len());
     assert_eq!(triangles(&stl), triangles(&ply));
-    save::save(&phantom(true), &folder.path().join("m.xyz"), "p").expect_err("no such format");
+    save::save(&phantom(true), &folder.path().join("m.xyz"), "p", &Isometry3::identity()).expect_err("no such format");
 }
 
 /// Bytes of −3, 2, 7 … of a type.
@@ -268,6 +274,10 @@ fn wrong_nrrd_files_are_refused_with_a_line() {
         ("2 2 2", "2 0 2", "empty"),
         ("2 2 2", "4000 4000 4000", "MiB"),
         ("2 2 2", "99999999999 99999999999 99999999999", "MiB"),
+        ("2 2 2", "32768 32768 1", "bricks"),
+        ("3\nsizes: 2 2 2", "4\nsizes: 16 1000 1000 1000", "v.nrrd:4: sizes: expected at most 8 GiB"),
+        ("raw\n", "raw\nspace: left-posterior-inferior\n", "v.nrrd:6: space: expected left-posterior-superior"),
+        ("raw\n", "gzip\nbyte skip: -1\n", "byte skip"),
         ("2 2 2", "1000 1000 1000", "1000000000 were expected"),
         ("raw", "bzip2", "v.nrrd:5: encoding: expected raw, gzip or ascii"),
         ("raw", "ascii", "8 were expected"),
@@ -300,4 +310,65 @@ fn wrong_nrrd_files_are_refused_with_a_line() {
             let _ = nrrd::parse(&changed, 0.5, Path::new("v"), &|_| Ok(vec![0; 8]));
         }
     }
+}
+
+#[test]
+fn left_handed_axes_are_not_mirrored() {
+    // Each sample is where its file says, in each space, with each sign of each axis.
+    for space in ["LPS", "right-anterior-superior", "left anterior superior"] {
+        let to_lps = match space {
+            "LPS" => Vector3::new(1.0, 1.0, 1.0),
+            "left anterior superior" => Vector3::new(1.0, -1.0, 1.0),
+            _ => Vector3::new(-1.0, -1.0, 1.0),
+        };
+        for signs in 0..8 {
+            let sign = |axis: usize| if signs >> axis & 1 == 1 { -1.0 } else { 1.0 };
+            let axes = [Vector3::y() * sign(0), Vector3::x() * 2.0 * sign(1), Vector3::z() * 3.0 * sign(2)];
+            let text = axes.map(|axis| format!("({},{},{})", axis.x, axis.y, axis.z)).join(" ");
+            let mut file = format!("NRRD0004\ntype: uchar\ndimension: 3\nspace: {space}\nsizes: 2 3 4\nspace directions: {text}\nspace origin: (5,6,7)\nencoding: raw\n\n").into_bytes();
+            file.extend(1..=24);
+            let read = nrrd::parse(&file, 0.0, Path::new("v"), &|_| Ok(Vec::new())).expect("it is read");
+            let mut samples = 1..=24_u8;
+            for (k, j, i) in (0..4).flat_map(|k| (0..3).flat_map(move |j| (0..2).map(move |i| (k, j, i)))) {
+                let there = Vector3::new(5.0, 6.0, 7.0)
+                    + axes[0] * f64::from(i)
+                    + axes[1] * f64::from(j)
+                    + axes[2] * f64::from(k);
+                let there = there.component_mul(&to_lps) * 1e-3;
+                let local = read.pose.inverse_transform_point(&there.into());
+                let index = read.grid.index_at(&local).expect("in the box");
+                assert!((read.grid.center(index) - local).norm() < 1e-12, "{space} {signs}");
+                assert_eq!(read.grid.voxel(index).map(|voxel| voxel.density), samples.next(), "{space} {signs}");
+            }
+        }
+    }
+}
+
+#[test]
+fn one_value_and_the_largest_span_have_densities() {
+    let density = |kind: &str, words: &str| {
+        let text = format!("NRRD0004\ntype: {kind}\ndimension: 3\nsizes: 3 1 1\nencoding: ascii\n\n{words}\n");
+        let read = nrrd::parse(text.as_bytes(), 0.5, Path::new("v"), &|_| Ok(Vec::new())).expect("it is read");
+        [0, 1, 2].map(|i| read.grid.voxel([i, 0, 0]).map(|voxel| voxel.density).expect("inside"))
+    };
+    assert_eq!(density("short", "-3 -3 -3"), [255; 3]);
+    assert_eq!(density("float", "0 0 0"), [0; 3]);
+    assert_eq!(density("float", "2 nan 2"), [255, 0, 255]);
+    assert_eq!(density("double", "-1.7e308 0 1.7e308"), [0, 128, 255]);
+}
+
+#[test]
+fn what_is_skipped_in_packed_data_is_not_held() {
+    let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    gzip.write_all(&vec![9; 1 << 20]).expect("memory");
+    gzip.write_all(&[1, 2, 3, 4, 5, 6, 7, 8]).expect("memory");
+    let data = gzip.finish().expect("memory");
+    let read = |skip: u64| {
+        let head = format!("NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: gzip\nbyte skip: {skip}\n\n");
+        nrrd::parse(&[head.as_bytes(), &data].concat(), 0.5, Path::new("v"), &|_| Ok(Vec::new()))
+    };
+    let grid = read(1 << 20).expect("it is read").grid;
+    assert_eq!(grid.to_arrays().0, [1, 2, 3, 4, 5, 6, 7, 8]);
+    assert!(read(i64::MAX as u64).expect_err("too much").to_string().contains("byte skip"));
+    assert!(read(0).expect_err("too long").to_string().contains("8 were expected"));
 }

@@ -209,6 +209,11 @@ impl Hub {
         self.cuts.post(volume, command).then_some(()).ok_or(PostError::Full)
     }
 
+    /// Commands of volumes that wait.
+    pub(crate) fn count_volume_orders(&self) -> usize {
+        self.cuts.count()
+    }
+
     /// Physics thread: the next command of a volume.
     pub(crate) fn take_volume_order(&self) -> Option<Order> {
         self.cuts.take()

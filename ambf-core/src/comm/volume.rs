@@ -101,6 +101,11 @@ impl Cuts {
         self.waiting.0.try_send((Instant::now(), volume, command)).is_ok()
     }
 
+    /// Commands that wait.
+    pub fn count(&self) -> usize {
+        self.waiting.1.len()
+    }
+
     pub fn take(&self) -> Option<Order> {
         self.waiting.1.try_recv().ok()
     }

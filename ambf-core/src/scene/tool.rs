@@ -168,8 +168,7 @@ impl Tool {
         let at = |point: Point3<f64>| Isometry3::from(point.coords);
         let stroke = Stroke { from: at(before.unwrap_or(end)), to: at(end) };
         // Its numbers were checked when they were read, and a state that is not finite ends the iteration.
-        let shared = Arc::make_mut(grid);
-        if let Ok(carved) = self.carver.carve(shared, &shape, &stroke, Rule::Rate { rate, interval }) {
+        if let Ok(carved) = self.carver.carve_shared(grid, &shape, &stroke, Rule::Rate { rate, interval }) {
             cut.append(carved);
         }
     }

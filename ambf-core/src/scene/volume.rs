@@ -199,7 +199,7 @@ impl Scene {
         };
         let local = |there: &Isometry3<f64>| if command.in_world { pose.inv_mul(there) } else { *there };
         let stroke = Stroke { from: local(&command.from), to: local(&command.to) };
-        Ok(carver.carve(Arc::make_mut(now), &command.shape, &stroke, command.rule)?)
+        Ok(carver.carve_shared(now, &command.shape, &stroke, command.rule)?)
     }
 
     /// Switches a tool of a volume, or gives it another burr.
@@ -265,7 +265,9 @@ impl Builder<'_> {
         let attached = Attached::new(identity, location);
         let tools = volume.tools.iter().map(|tool| Tool::new(tool.clone())).collect();
         let description = Arc::new(volume.clone());
-        self.scene.volumes.push(Volume { attached, description, voxels, tools, cut: Carved::default() });
+        let cuts = volume.tools.iter().any(|tool| tool.rate > 0.0);
+        let cut = Carved::with_room(if cuts { ROOM } else { 0 });
+        self.scene.volumes.push(Volume { attached, description, voxels, tools, cut });
     }
 
     /// Finds the bodies of tools, which may be in later models.

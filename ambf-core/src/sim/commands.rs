@@ -461,7 +461,11 @@ impl Simulation {
 
     /// Executes the commands of volumes that wait.
     fn execute_volume_orders(&mut self) {
-        while let Some((_, volume, command)) = self.link.as_ref().and_then(|link| link.hub.take_volume_order()) {
+        // What comes meanwhile waits for the next time, so that no sender keeps the physics here.
+        let waiting = self.link.as_ref().map_or(0, |link| link.hub.count_volume_orders());
+        for _ in 0..waiting {
+            let order = self.link.as_ref().and_then(|link| link.hub.take_volume_order());
+            let Some((_, volume, command)) = order else { break };
             let done = match command {
                 VolumeCommand::Carve(command) => self.carve(volume, &command).map(|_| ()),
                 VolumeCommand::Restore => self.restore_voxels(volume),
@@ -612,7 +616,8 @@ impl Simulation {
         let Some(link) = &mut self.link else { return };
         link.fetch(&mut self.physics, &mut self.notices);
         // Of those of volumes the later ones wait on, in order.
-        let orders: Vec<_> = std::iter::from_fn(|| link.hub.take_volume_order()).collect();
+        let waiting = link.hub.count_volume_orders();
+        let orders: Vec<_> = std::iter::from_fn(|| link.hub.take_volume_order()).take(waiting).collect();
         for (_, volume, command) in orders.into_iter().filter(|(came, ..)| *came >= time) {
             let _ = link.hub.post_volume(volume, command);
         }
