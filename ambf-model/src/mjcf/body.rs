@@ -169,7 +169,7 @@ impl<'a> Reading<'_, 'a> {
         index
     }
 
-    /// Reads what is in a body or the world, also in frames there; bodies inside are put into `inside`.
+    /// Reads what is in a body or the world, also in frames there, in the order of the file; bodies inside are put into `inside`.
     fn contents(
         &self,
         element: &Element<'a>,
@@ -181,37 +181,37 @@ impl<'a> Reading<'_, 'a> {
         if index == 0 {
             finish(element, &["name"], &[], &INSIDE);
         }
-        let mut waiting = vec![(*element, Isometry3::identity(), class)];
+        // Each element with the pose of the frame around it. Frames may lie in frames without end: no recursion.
+        let inside_of = |around: &Element<'a>, outer: Isometry3<f64>, class: Option<&'a str>| {
+            self.source.elements(around).into_iter().rev().map(move |element| (element, outer, class))
+        };
+        let mut waiting: Vec<_> = inside_of(element, Isometry3::identity(), class).collect();
         let mut inertials = Vec::new();
         let has_inertial = element.children("inertial").next().is_some();
-        while let Some((around, outer, class)) = waiting.pop() {
-            let mut frames = Vec::new();
-            for element in self.source.elements(&around) {
-                match element.tag() {
-                    "body" => inside.push((element, index, outer, class)),
-                    "inertial" => inertials.push((element, outer)),
-                    "joint" | "freejoint" => self.joint(element, index, bodies, class),
-                    "geom" => self.geom(element, index, &outer, bodies, (class, has_inertial)),
-                    "site" => {
-                        let pose = outer * self.compiler.pose(&element, Isometry3::identity());
-                        if let Some(name) = element.attribute("name") {
-                            bodies.sites.insert(name, Site { body: index, pose });
-                        }
+        while let Some((element, outer, class)) = waiting.pop() {
+            match element.tag() {
+                "body" => inside.push((element, index, outer, class)),
+                "inertial" => inertials.push((element, outer)),
+                "joint" | "freejoint" => self.joint(element, index, &outer, bodies, class),
+                "geom" => self.geom(element, index, &outer, bodies, (class, has_inertial)),
+                "site" => {
+                    let pose = outer * self.compiler.pose(&element, Isometry3::identity());
+                    if let Some(name) = element.attribute("name") {
+                        bodies.sites.insert(name, Site { body: index, pose });
                     }
-                    "camera" | "light" => bodies.views.push((element, index, outer, class)),
-                    "frame" => {
-                        finish(&element, &[&["name", "childclass"][..], &POSE].concat(), &[], &INSIDE);
-                        self.classes.check(&element, "childclass");
-                        let pose = outer * self.compiler.pose(&element, Isometry3::identity());
-                        frames.push((element, pose, element.attribute("childclass").or(class)));
-                    }
-                    tag @ ("attach" | "composite" | "flexcomp" | "replicate" | "plugin") => {
-                        element.error(ProblemKind::IgnoredKey, "", "", "", &format!("the {tag} is left out"));
-                    }
-                    _ => (),
                 }
+                "camera" | "light" => bodies.views.push((element, index, outer, class)),
+                "frame" => {
+                    finish(&element, &[&["name", "childclass"][..], &POSE].concat(), &[], &INSIDE);
+                    self.classes.check(&element, "childclass");
+                    let pose = outer * self.compiler.pose(&element, Isometry3::identity());
+                    waiting.extend(inside_of(&element, pose, element.attribute("childclass").or(class)));
+                }
+                tag @ ("attach" | "composite" | "flexcomp" | "replicate" | "plugin") => {
+                    element.error(ProblemKind::IgnoredKey, "", "", "", &format!("the {tag} is left out"));
+                }
+                _ => (),
             }
-            waiting.extend(frames.into_iter().rev());
         }
         if let Some((element, outer)) = inertials.first() {
             for (second, _) in &inertials[1..] {
@@ -221,7 +221,14 @@ impl<'a> Reading<'_, 'a> {
         }
     }
 
-    fn joint(&self, element: Element<'a>, index: usize, bodies: &mut Bodies<'a>, class: Option<&'a str>) {
+    fn joint(
+        &self,
+        element: Element<'a>,
+        index: usize,
+        outer: &Isometry3<f64>,
+        bodies: &mut Bodies<'a>,
+        class: Option<&'a str>,
+    ) {
         if index == 0 {
             element.error(ProblemKind::Structure, "", "is a joint of the world", "", "it is left out");
             return;
@@ -251,7 +258,7 @@ impl<'a> Reading<'_, 'a> {
             Some(_) => element.need_name("name", "a name").to_owned(),
             None => default,
         };
-        let joint = Joint::new(element, name, &text, self.compiler);
+        let joint = Joint::new(element, name, &text, outer, self.compiler);
         if bodies.joints.insert(joint.name.clone(), joint.has_coordinate()).is_some() {
             let found = format!("is not the first joint called {}", quoted(&joint.name));
             element.error(ProblemKind::Structure, "name", &found, "", "what names it means the last one");

@@ -351,6 +351,29 @@ fn frames_move_what_is_in_them() {
 }
 
 #[test]
+fn frames_move_joints_and_keep_their_order() {
+    let model = clean(&world(
+        "<body name='a'><joint name='x' axis='1 0 0'/>
+           <frame pos='1 0 0' euler='0 0 90'><joint name='y' axis='1 0 0' pos='0 2 0'/>
+             <frame pos='0 0 3'><joint name='s' type='slide' axis='0 1 0'/></frame><joint name='b' type='ball' pos='1 0 0'/></frame>
+           <joint name='z'/><geom size='1' mass='1'/></body>",
+    ));
+    let names: Vec<_> = model.joints.iter().map(|joint| joint.common.name.as_str()).collect();
+    assert_eq!(names, ["x", "y", "s", "b", "z"]);
+    for (name, pivot, axis) in [
+        ("x", Vector3::zeros(), Vector3::x()),
+        ("y", Vector3::new(-1.0, 0.0, 0.0), Vector3::y()),
+        ("s", Vector3::new(1.0, 0.0, 3.0), -Vector3::x()),
+        ("b", Vector3::new(1.0, 1.0, 0.0), Vector3::z()),
+        ("z", Vector3::zeros(), Vector3::z()),
+    ] {
+        let found = joint(&model, name);
+        assert!((found.child_pivot - pivot).norm() < 1e-15, "{name}: {}", found.child_pivot);
+        assert!((found.child_axis - axis).norm() < 1e-15, "{name}: {}", found.child_axis);
+    }
+}
+
+#[test]
 fn what_is_not_known_or_used_is_named_with_its_place() {
     let text = "<mujoco>\n<option timestep='0.01' integrator='RK4' wind='1 0 0'/>\n<worldbody>\n<body name='a' posi='1 2 3'><freejoint/>\n\
                 <geom size='1' class='none'/><geom type='mesh' mesh='m'/><geom size='0'/><blob/></body></worldbody>\n\
