@@ -374,6 +374,24 @@ fn frames_move_joints_and_keep_their_order() {
 }
 
 #[test]
+fn generated_names_leave_those_that_the_file_gives() {
+    let model = clean(&world(
+        "<body><joint/><geom size='1'/></body>
+         <frame><body name='body1'><joint name='body1__joint0'/><geom size='1'/>
+           <body name='body1_'><joint name='j'/><geom size='1'/></body></body></frame>",
+    ));
+    let names: Vec<_> = model.bodies.iter().map(|body| body.common.name.as_str()).collect();
+    assert_eq!(names, ["world", "body1__", "body1", "body1_"]);
+    assert_eq!(joint(&model, "body1__joint0").child, "BODY body1");
+    assert_eq!(joint(&model, "body1___joint0").child, "BODY body1__");
+    let model = clean(&world(
+        "<body name='a'><joint/><geom size='1'/><body name='b'><joint name='a_joint0'/><geom size='1'/></body></body>",
+    ));
+    assert_eq!((joint(&model, "a_joint0").child.as_str(), model.joints.len()), ("BODY b", 2));
+    assert_eq!(joint(&model, "a_joint0_").child, "BODY a");
+}
+
+#[test]
 fn what_is_not_known_or_used_is_named_with_its_place() {
     let text = "<mujoco>\n<option timestep='0.01' integrator='RK4' wind='1 0 0'/>\n<worldbody>\n<body name='a' posi='1 2 3'><freejoint/>\n\
                 <geom size='1' class='none'/><geom type='mesh' mesh='m'/><geom size='0'/><blob/></body></worldbody>\n\
