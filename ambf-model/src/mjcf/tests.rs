@@ -236,6 +236,43 @@ fn actuators_drive_joints() {
 }
 
 #[test]
+fn biases_count_where_their_type_says_so() {
+    let text = |default: &str, actuator: &str| {
+        format!(
+            "<mujoco><default>{default}<default class='affine'><general biastype='affine'/></default></default>{ARM}
+             <actuator>{actuator}</actuator></mujoco>"
+        )
+    };
+    let found = |model: &Model| {
+        let p = joint(model, "p");
+        (p.controller.output, p.controller.gains.p, p.controller.gains.d, p.drive_train.max_effort)
+    };
+    let numbers = "gainprm='5' biasprm='0 -5 -0.5' ctrlrange='-1 1'";
+    let servo = (ControllerOutput::Force, 5.0, 0.5, None);
+    let none = format!("<general joint='p' {numbers}/>");
+    let (model, problems) = read(&text("", &none));
+    assert_eq!((joint(&model, "p").controller, found(&model).3), (Default::default(), Some(5.0)));
+    assert!(problems.len() == 1 && problems[0].contains("general / biastype` is missing"), "{problems:?}");
+    let written = text("", &format!("<general joint='p' biastype='none' {numbers}/>"));
+    assert_eq!(joint(&clean(&written), "p").controller, Default::default());
+    // The type and the numbers may come from different places.
+    let default = format!("<general {numbers}/>");
+    assert_eq!(found(&clean(&text(&default, "<general joint='p' class='affine'/>"))), servo);
+    assert_eq!(found(&clean(&text(&default, "<general joint='p' biastype='affine'/>"))), servo);
+    assert_eq!(found(&clean(&text("<general biastype='affine'/>", &none))), servo);
+    let off = format!("<general biastype='none' {numbers}/>");
+    assert_eq!(found(&clean(&text(&off, "<general joint='p' class='affine'/>"))), servo);
+    // Short forms say the type, too, and inherit the gain.
+    assert_eq!(found(&clean(&text("<position kp='5' kv='0.5'/>", "<general joint='p'/>"))), servo);
+    assert_eq!(found(&clean(&text(&default, "<position joint='p'/>"))), servo);
+    let velocity = clean(&text(&default, "<velocity joint='p'/>"));
+    assert_eq!((joint(&velocity, "p").controller, found(&velocity).3), (Default::default(), None));
+    let motor = clean(&text("<position kp='5' kv='0.5'/>", "<motor joint='p' ctrlrange='-2 2'/>"));
+    assert_eq!(joint(&motor, "p").controller, Default::default());
+    assert_eq!(joint(&motor, "p").drive_train.max_effort, Some(2.0));
+}
+
+#[test]
 fn springs_stand_beside_their_joints() {
     let model = clean(&format!("<mujoco>{ARM}</mujoco>"));
     let spring = joint(&model, "q_spring");
