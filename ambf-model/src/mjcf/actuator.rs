@@ -1,13 +1,13 @@
 //! Section `actuator`: what drives joints.
 //!
-//! Efforts of MuJoCo's actuators are gear · (gain · control + bias), bias = b0 + b1 · length + b2 · rate, where length and rate are
-//! those of the joint times the gear. What drives a joint here is its controller: effort = P · (target − position) − D · rate.
+//! Efforts of MuJoCo's actuators are gear · (gain · control + bias), with an affine bias = b0 + b1 · length + b2 · rate, where length
+//! and rate are those of the joint times the gear, or none, which is the default. What drives a joint here is its controller: effort = P · (target − position) − D · rate.
 
 use std::collections::HashMap;
 
 use super::joint::Limited;
 use super::settings::{choice, finish, Compiler};
-use crate::adf::{Controller, ControllerOutput, DriveTrain, Gains, ProblemKind, Severity, IMPULSE_STEP};
+use crate::adf::{Controller, ControllerOutput, DriveTrain, Gains, ProblemKind, IMPULSE_STEP};
 use crate::xml::{quoted, Element};
 
 /// What an actuator element and its defaults say.
@@ -15,7 +15,10 @@ use crate::xml::{quoted, Element};
 pub(super) struct ActuatorText {
     gear: f64,
     gain: f64,
+    /// Kept, as in MuJoCo, where the type of the bias is none: a class inside, or an element, may say the type.
     bias: [f64; 3],
+    /// The bias is affine; otherwise there is none, whatever its numbers are.
+    is_affine: bool,
     /// What the gain and bias are beyond those numbers; empty: nothing.
     strange: &'static str,
     control_range: [f64; 2],
@@ -34,6 +37,7 @@ impl Default for ActuatorText {
             gear: 1.0,
             gain: 1.0,
             bias: [0.0; 3],
+            is_affine: false,
             strange: "",
             control_range: [0.0; 2],
             control_limited: Limited::Auto,
@@ -114,9 +118,9 @@ impl ActuatorText {
             "general" => self.apply_general(element),
             "position" => {
                 self.strange = "";
-                if let Some(kp) = element.real("kp").or_else(|| (self.bias[1] == 0.0).then_some(1.0)) {
-                    (self.gain, self.bias[1]) = (kp, -kp);
-                }
+                // The gain is inherited, from whatever kind of actuator.
+                let kp = element.real("kp").unwrap_or(self.gain);
+                (self.gain, self.bias[1], self.is_affine) = (kp, -kp, true);
                 if let Some(kv) = element.real("kv") {
                     (self.bias[2], self.has_ratio) = (-kv, false);
                 }
@@ -129,10 +133,10 @@ impl ActuatorText {
             }
             "velocity" => {
                 self.strange = "";
-                let kv = element.real("kv").unwrap_or(if self.bias[2] == 0.0 { 1.0 } else { -self.bias[2] });
-                (self.gain, self.bias) = (kv, [0.0, 0.0, -kv]);
+                let kv = element.real("kv").unwrap_or(self.gain);
+                (self.gain, self.bias, self.is_affine) = (kv, [0.0, 0.0, -kv], true);
             }
-            _ => (self.strange, self.gain, self.bias) = ("", 1.0, [0.0; 3]),
+            _ => (self.strange, self.gain, self.is_affine) = ("", 1.0, false),
         }
     }
 
@@ -150,15 +154,15 @@ impl ActuatorText {
         if let Some(strange) = choice(element, "gaintype", &gains) {
             self.strange = strange;
         }
-        let biases = [("none", ""), ("affine", ""), ("muscle", "biastype muscle"), ("user", "biastype user")];
-        if let Some(strange) = choice(element, "biastype", &biases) {
+        let biases = [
+            ("none", ("", false)),
+            ("affine", ("", true)),
+            ("muscle", ("biastype muscle", false)),
+            ("user", ("biastype user", false)),
+        ];
+        if let Some((strange, is_affine)) = choice(element, "biastype", &biases) {
             self.strange = if self.strange.is_empty() { strange } else { self.strange };
-            if element.attribute("biastype") == Some("none") {
-                self.bias = [0.0; 3];
-            }
-        } else if element.attribute("biasprm").is_some() && self.bias != [0.0; 3] {
-            // Without a type the numbers count for nothing in MuJoCo; a class may have said the type.
-            element.problem(Severity::Info, ProblemKind::Absent, "biastype", "", "affine", "affine is meant");
+            self.is_affine = is_affine;
         }
         if element.attribute("dyntype").is_some_and(|kind| kind != "none") {
             element.warn(
@@ -245,7 +249,12 @@ pub(super) fn add<'a>(
         element.warn(ProblemKind::OutOfRange, "gear", "0, as gear or gain", "another number", left_out);
         return;
     }
-    let [constant, length, rate] = text.bias;
+    let [constant, length, rate] = if text.is_affine { text.bias } else { [0.0; 3] };
+    let is_typed = text.is_affine || element.attribute("biastype").is_some();
+    if element.tag() == "general" && !is_typed && text.bias != [0.0; 3] {
+        let action = "the bias is none, and the numbers of `biasprm` have no effect";
+        element.warn(ProblemKind::Absent, "biastype", "", "affine", action);
+    }
     let square = gear * gear;
     let gains = [square * length, square * rate, square * text.armature, square * text.damping, gear * text.gain];
     if !gains.iter().all(|gain| gain.abs() <= MOST) {
@@ -283,7 +292,7 @@ pub(super) fn add<'a>(
         drive.has_velocity = true;
     }
     drive.damping += square * -rate;
-    if text.has_ratio {
+    if text.has_ratio && text.is_affine {
         element.ignored("dampratio", "write `kv`");
     }
     let limit = |range: [f64; 2]| range.map(f64::abs).into_iter().fold(0.0, f64::max);

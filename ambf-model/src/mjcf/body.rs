@@ -1,6 +1,6 @@
 //! The tree of bodies.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -63,6 +63,14 @@ pub(super) struct Bodies<'a> {
     pub joints: HashMap<String, bool>,
     /// Bodies of the geoms by name.
     pub geoms: HashMap<String, usize>,
+    written: Written<'a>,
+}
+
+/// Names that the file gives: what has none gets others, also where the file gives them further down.
+#[derive(Default)]
+struct Written<'a> {
+    bodies: HashSet<&'a str>,
+    joints: HashSet<&'a str>,
 }
 
 /// What reading bodies needs.
@@ -100,6 +108,7 @@ impl<'a> Reading<'_, 'a> {
             views: Vec::new(),
             joints: HashMap::new(),
             geoms: HashMap::new(),
+            written: self.written(sections),
         };
         let Some(first) = sections.first() else { return bodies };
         bodies.all.push(Body {
@@ -135,13 +144,33 @@ impl<'a> Reading<'_, 'a> {
         bodies
     }
 
+    /// The names of all bodies and joints that are read.
+    fn written(&self, sections: &[Element<'a>]) -> Written<'a> {
+        let mut written = Written::default();
+        let mut waiting = sections.to_vec();
+        while let Some(around) = waiting.pop() {
+            for element in self.source.elements(&around) {
+                let name = element.attribute("name");
+                match element.tag() {
+                    "body" => written.bodies.extend(name),
+                    "joint" | "freejoint" => written.joints.extend(name),
+                    "frame" => (),
+                    _ => continue,
+                }
+                waiting.push(element);
+            }
+        }
+        written
+    }
+
     fn body(&self, element: Element<'a>, parent: usize, outer: &Isometry3<f64>, bodies: &mut Bodies<'a>) -> usize {
         let read = [&["name", "childclass", "mocap", "gravcomp"][..], &POSE].concat();
         let unused = [("it changes nothing that moves", &["user", "sleep", "simple", "fuse"][..])];
         finish(&element, &read, &unused, &INSIDE);
         self.classes.check(&element, "childclass");
         let index = bodies.all.len();
-        let name = unique(&mut bodies.by_name, &element, &format!("body{index}"), index);
+        let name = unique(&bodies.by_name, &bodies.written.bodies, &element, index);
+        bodies.by_name.insert(name.clone(), index);
         let in_parent = outer * self.compiler.pose(&element, Isometry3::identity());
         let in_world = bodies.all[parent].in_world * in_parent;
         if choice(&element, "mocap", &BOOLEANS) == Some(true) && parent != 0 {
@@ -169,7 +198,7 @@ impl<'a> Reading<'_, 'a> {
         index
     }
 
-    /// Reads what is in a body or the world, also in frames there; bodies inside are put into `inside`.
+    /// Reads what is in a body or the world, also in frames there, in the order of the file; bodies inside are put into `inside`.
     fn contents(
         &self,
         element: &Element<'a>,
@@ -181,37 +210,37 @@ impl<'a> Reading<'_, 'a> {
         if index == 0 {
             finish(element, &["name"], &[], &INSIDE);
         }
-        let mut waiting = vec![(*element, Isometry3::identity(), class)];
+        // Each element with the pose of the frame around it. Frames may lie in frames without end: no recursion.
+        let inside_of = |around: &Element<'a>, outer: Isometry3<f64>, class: Option<&'a str>| {
+            self.source.elements(around).into_iter().rev().map(move |element| (element, outer, class))
+        };
+        let mut waiting: Vec<_> = inside_of(element, Isometry3::identity(), class).collect();
         let mut inertials = Vec::new();
         let has_inertial = element.children("inertial").next().is_some();
-        while let Some((around, outer, class)) = waiting.pop() {
-            let mut frames = Vec::new();
-            for element in self.source.elements(&around) {
-                match element.tag() {
-                    "body" => inside.push((element, index, outer, class)),
-                    "inertial" => inertials.push((element, outer)),
-                    "joint" | "freejoint" => self.joint(element, index, bodies, class),
-                    "geom" => self.geom(element, index, &outer, bodies, (class, has_inertial)),
-                    "site" => {
-                        let pose = outer * self.compiler.pose(&element, Isometry3::identity());
-                        if let Some(name) = element.attribute("name") {
-                            bodies.sites.insert(name, Site { body: index, pose });
-                        }
+        while let Some((element, outer, class)) = waiting.pop() {
+            match element.tag() {
+                "body" => inside.push((element, index, outer, class)),
+                "inertial" => inertials.push((element, outer)),
+                "joint" | "freejoint" => self.joint(element, index, &outer, bodies, class),
+                "geom" => self.geom(element, index, &outer, bodies, (class, has_inertial)),
+                "site" => {
+                    let pose = outer * self.compiler.pose(&element, Isometry3::identity());
+                    if let Some(name) = element.attribute("name") {
+                        bodies.sites.insert(name, Site { body: index, pose });
                     }
-                    "camera" | "light" => bodies.views.push((element, index, outer, class)),
-                    "frame" => {
-                        finish(&element, &[&["name", "childclass"][..], &POSE].concat(), &[], &INSIDE);
-                        self.classes.check(&element, "childclass");
-                        let pose = outer * self.compiler.pose(&element, Isometry3::identity());
-                        frames.push((element, pose, element.attribute("childclass").or(class)));
-                    }
-                    tag @ ("attach" | "composite" | "flexcomp" | "replicate" | "plugin") => {
-                        element.error(ProblemKind::IgnoredKey, "", "", "", &format!("the {tag} is left out"));
-                    }
-                    _ => (),
                 }
+                "camera" | "light" => bodies.views.push((element, index, outer, class)),
+                "frame" => {
+                    finish(&element, &[&["name", "childclass"][..], &POSE].concat(), &[], &INSIDE);
+                    self.classes.check(&element, "childclass");
+                    let pose = outer * self.compiler.pose(&element, Isometry3::identity());
+                    waiting.extend(inside_of(&element, pose, element.attribute("childclass").or(class)));
+                }
+                tag @ ("attach" | "composite" | "flexcomp" | "replicate" | "plugin") => {
+                    element.error(ProblemKind::IgnoredKey, "", "", "", &format!("the {tag} is left out"));
+                }
+                _ => (),
             }
-            waiting.extend(frames.into_iter().rev());
         }
         if let Some((element, outer)) = inertials.first() {
             for (second, _) in &inertials[1..] {
@@ -221,7 +250,14 @@ impl<'a> Reading<'_, 'a> {
         }
     }
 
-    fn joint(&self, element: Element<'a>, index: usize, bodies: &mut Bodies<'a>, class: Option<&'a str>) {
+    fn joint(
+        &self,
+        element: Element<'a>,
+        index: usize,
+        outer: &Isometry3<f64>,
+        bodies: &mut Bodies<'a>,
+        class: Option<&'a str>,
+    ) {
         if index == 0 {
             element.error(ProblemKind::Structure, "", "is a joint of the world", "", "it is left out");
             return;
@@ -249,9 +285,9 @@ impl<'a> Reading<'_, 'a> {
         let default = format!("{}_joint{}", bodies.all[index].name, count);
         let name = match element.attribute("name") {
             Some(_) => element.need_name("name", "a name").to_owned(),
-            None => default,
+            None => free(default, |name| bodies.joints.contains_key(name) || bodies.written.joints.contains(name)),
         };
-        let joint = Joint::new(element, name, &text, self.compiler);
+        let joint = Joint::new(element, name, &text, outer, self.compiler);
         if bodies.joints.insert(joint.name.clone(), joint.has_coordinate()).is_some() {
             let found = format!("is not the first joint called {}", quoted(&joint.name));
             element.error(ProblemKind::Structure, "name", &found, "", "what names it means the last one");
@@ -346,21 +382,26 @@ impl<'a> Reading<'_, 'a> {
 /// Share by which the numbers of a file may miss the sum of two moments.
 const ROUNDING: f64 = 1e-6;
 
-/// Name of an element, or `default`; another one if it is taken, with an error if it was written.
-fn unique(names: &mut HashMap<String, usize>, element: &Element<'_>, default: &str, index: usize) -> String {
-    let written = element.attribute("name").map(|_| element.need_name("name", "a name").to_owned());
-    let mut name = written.clone().unwrap_or_else(|| default.to_owned());
-    if names.contains_key(&name) {
-        if written.is_some() {
-            let found = format!("is not the first {} called {}", element.tag(), quoted(&name));
-            element.error(ProblemKind::Structure, "name", &found, "", "it gets another name");
-        }
-        // Indices are not repeated.
-        name = format!("{name}_{index}");
-        while names.contains_key(&name) {
-            name.push('_');
-        }
+/// Name of a body: the written one, or else one that the file gives to no other; so, too, with an error, if it is taken.
+fn unique(names: &HashMap<String, usize>, written: &HashSet<&str>, element: &Element<'_>, index: usize) -> String {
+    let is_taken = |name: &str| names.contains_key(name) || written.contains(name);
+    if element.attribute("name").is_none() {
+        return free(format!("body{index}"), is_taken);
     }
-    names.insert(name.clone(), index);
+    let name = element.need_name("name", "a name");
+    if !names.contains_key(name) {
+        return name.to_owned();
+    }
+    let found = format!("is not the first {} called {}", element.tag(), quoted(name));
+    element.error(ProblemKind::Structure, "name", &found, "", "it gets another name");
+    // Indices are not repeated.
+    free(format!("{name}_{index}"), is_taken)
+}
+
+/// A name, made longer until it is not taken.
+fn free(mut name: String, is_taken: impl Fn(&str) -> bool) -> String {
+    while is_taken(&name) {
+        name.push('_');
+    }
     name
 }

@@ -1,6 +1,6 @@
 //! Joints as written.
 
-use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 
 use super::settings::{choice, direction, finish, Compiler, SOFT};
 use crate::adf::{DriveTrain, JointKind, Limits, ProblemKind, Severity};
@@ -151,7 +151,14 @@ pub(super) struct Joint<'a> {
 }
 
 impl<'a> Joint<'a> {
-    pub fn new(element: Element<'a>, name: String, text: &JointText, compiler: &Compiler) -> Self {
+    /// The joint whose frame, that of the `frame` elements around it, is `outer` in the body's.
+    pub fn new(
+        element: Element<'a>,
+        name: String,
+        text: &JointText,
+        outer: &Isometry3<f64>,
+        compiler: &Compiler,
+    ) -> Self {
         let kind = text.kind;
         let in_si = |written: f64| if kind == Kind::Slide { written } else { compiler.angle(written) };
         let axis = direction(text.axis).unwrap_or_else(|| {
@@ -162,8 +169,9 @@ impl<'a> Joint<'a> {
             name,
             element,
             kind,
-            position: text.position,
-            axis,
+            // That of a free joint is the body's own.
+            position: if kind == Kind::Free { text.position } else { (outer * Point3::from(text.position)).coords },
+            axis: outer.rotation * axis,
             limits: None,
             reference: 0.0,
             drive_train: DriveTrain::default(),

@@ -236,6 +236,43 @@ fn actuators_drive_joints() {
 }
 
 #[test]
+fn biases_count_where_their_type_says_so() {
+    let text = |default: &str, actuator: &str| {
+        format!(
+            "<mujoco><default>{default}<default class='affine'><general biastype='affine'/></default></default>{ARM}
+             <actuator>{actuator}</actuator></mujoco>"
+        )
+    };
+    let found = |model: &Model| {
+        let p = joint(model, "p");
+        (p.controller.output, p.controller.gains.p, p.controller.gains.d, p.drive_train.max_effort)
+    };
+    let numbers = "gainprm='5' biasprm='0 -5 -0.5' ctrlrange='-1 1'";
+    let servo = (ControllerOutput::Force, 5.0, 0.5, None);
+    let none = format!("<general joint='p' {numbers}/>");
+    let (model, problems) = read(&text("", &none));
+    assert_eq!((joint(&model, "p").controller, found(&model).3), (Default::default(), Some(5.0)));
+    assert!(problems.len() == 1 && problems[0].contains("general / biastype` is missing"), "{problems:?}");
+    let written = text("", &format!("<general joint='p' biastype='none' {numbers}/>"));
+    assert_eq!(joint(&clean(&written), "p").controller, Default::default());
+    // The type and the numbers may come from different places.
+    let default = format!("<general {numbers}/>");
+    assert_eq!(found(&clean(&text(&default, "<general joint='p' class='affine'/>"))), servo);
+    assert_eq!(found(&clean(&text(&default, "<general joint='p' biastype='affine'/>"))), servo);
+    assert_eq!(found(&clean(&text("<general biastype='affine'/>", &none))), servo);
+    let off = format!("<general biastype='none' {numbers}/>");
+    assert_eq!(found(&clean(&text(&off, "<general joint='p' class='affine'/>"))), servo);
+    // Short forms say the type, too, and inherit the gain.
+    assert_eq!(found(&clean(&text("<position kp='5' kv='0.5'/>", "<general joint='p'/>"))), servo);
+    assert_eq!(found(&clean(&text(&default, "<position joint='p'/>"))), servo);
+    let velocity = clean(&text(&default, "<velocity joint='p'/>"));
+    assert_eq!((joint(&velocity, "p").controller, found(&velocity).3), (Default::default(), None));
+    let motor = clean(&text("<position kp='5' kv='0.5'/>", "<motor joint='p' ctrlrange='-2 2'/>"));
+    assert_eq!(joint(&motor, "p").controller, Default::default());
+    assert_eq!(joint(&motor, "p").drive_train.max_effort, Some(2.0));
+}
+
+#[test]
 fn springs_stand_beside_their_joints() {
     let model = clean(&format!("<mujoco>{ARM}</mujoco>"));
     let spring = joint(&model, "q_spring");
@@ -348,6 +385,47 @@ fn frames_move_what_is_in_them() {
     assert!((body(&model, "a").location.translation.vector - Vector3::new(1.0, 1.0, 0.0)).norm() < 1e-15);
     let offset = body(&model, "a").inertial_offset.expect("given").translation.vector;
     assert!((offset - Vector3::z()).norm() < 1e-15);
+}
+
+#[test]
+fn frames_move_joints_and_keep_their_order() {
+    let model = clean(&world(
+        "<body name='a'><joint name='x' axis='1 0 0'/>
+           <frame pos='1 0 0' euler='0 0 90'><joint name='y' axis='1 0 0' pos='0 2 0'/>
+             <frame pos='0 0 3'><joint name='s' type='slide' axis='0 1 0'/></frame><joint name='b' type='ball' pos='1 0 0'/></frame>
+           <joint name='z'/><geom size='1' mass='1'/></body>",
+    ));
+    let names: Vec<_> = model.joints.iter().map(|joint| joint.common.name.as_str()).collect();
+    assert_eq!(names, ["x", "y", "s", "b", "z"]);
+    for (name, pivot, axis) in [
+        ("x", Vector3::zeros(), Vector3::x()),
+        ("y", Vector3::new(-1.0, 0.0, 0.0), Vector3::y()),
+        ("s", Vector3::new(1.0, 0.0, 3.0), -Vector3::x()),
+        ("b", Vector3::new(1.0, 1.0, 0.0), Vector3::z()),
+        ("z", Vector3::zeros(), Vector3::z()),
+    ] {
+        let found = joint(&model, name);
+        assert!((found.child_pivot - pivot).norm() < 1e-15, "{name}: {}", found.child_pivot);
+        assert!((found.child_axis - axis).norm() < 1e-15, "{name}: {}", found.child_axis);
+    }
+}
+
+#[test]
+fn generated_names_leave_those_that_the_file_gives() {
+    let model = clean(&world(
+        "<body><joint/><geom size='1'/></body>
+         <frame><body name='body1'><joint name='body1__joint0'/><geom size='1'/>
+           <body name='body1_'><joint name='j'/><geom size='1'/></body></body></frame>",
+    ));
+    let names: Vec<_> = model.bodies.iter().map(|body| body.common.name.as_str()).collect();
+    assert_eq!(names, ["world", "body1__", "body1", "body1_"]);
+    assert_eq!(joint(&model, "body1__joint0").child, "BODY body1");
+    assert_eq!(joint(&model, "body1___joint0").child, "BODY body1__");
+    let model = clean(&world(
+        "<body name='a'><joint/><geom size='1'/><body name='b'><joint name='a_joint0'/><geom size='1'/></body></body>",
+    ));
+    assert_eq!((joint(&model, "a_joint0").child.as_str(), model.joints.len()), ("BODY b", 2));
+    assert_eq!(joint(&model, "a_joint0_").child, "BODY a");
 }
 
 #[test]
