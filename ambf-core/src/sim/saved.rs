@@ -149,6 +149,7 @@ impl Simulation {
     }
 
     fn note_restored(&mut self, saved: &SavedState, keep_cameras: bool) {
+        self.physics.since_start.note_restored();
         let Some(recorder) = &self.physics.recorder else { return };
         match saved.recorded {
             Some((id, position)) if id == recorder.position().0 => {

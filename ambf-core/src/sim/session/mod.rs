@@ -75,6 +75,11 @@ impl SinceStart {
             _ => self.moved = true,
         }
     }
+
+    /// A state was restored: the start is known by its resets alone.
+    pub fn note_restored(&mut self) {
+        self.moved = true;
+    }
 }
 
 impl Simulation {
