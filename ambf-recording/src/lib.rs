@@ -13,7 +13,8 @@
 //!   time, `publish_time` the clock, both in ns.
 //! * Messages on the topic `/ambf/notes`, encoding `json`: `{"text": …}`, what somebody noted, for programs that do not
 //!   know entries.
-//! * A metadata record `ambf.end` with `reason` and `entries` when the recording was ended in order.
+//! * A metadata record `ambf.end` with `reason` and `entries` when the file was completed. `stopped`: it is whole; other
+//!   reasons: it ended before it was to.
 //!
 //! A chunk is closed each second, and what is closed can be read, whatever becomes of the writer.
 
@@ -34,3 +35,7 @@ pub(crate) const HEADER: &str = "ambf.recording";
 pub(crate) const END: &str = "ambf.end";
 pub(crate) const TOPIC: &str = "/ambf/recording";
 pub(crate) const NOTES: &str = "/ambf/notes";
+/// Reasons of ends.
+pub(crate) const STOPPED: &str = "stopped";
+pub(crate) const OVERFLOW: &str = "overflow";
+pub(crate) const WENT_BACK: &str = "went back";

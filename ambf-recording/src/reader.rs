@@ -211,7 +211,8 @@ impl Recording {
         &self.header
     }
 
-    /// How the recording ended, once all entries were read: `stopped`, `overflow`; `None`: its writer was killed.
+    /// How the recording ended, once all entries were read: `stopped`; `overflow`, `went back`, where it ended before it was
+    /// to; `None`: its writer was killed or the file was cut off.
     pub fn end(&self) -> Option<&str> {
         self.ended.as_deref()
     }

@@ -14,7 +14,7 @@ mod replay;
 
 pub use codec::CodeError;
 pub use entry::Entry;
-pub use recorder::{recorder, Recorder, Tap, Unpacker, HASH_INTERVAL};
+pub use recorder::{recorder, EarlyEnd, Recorder, Tap, Unpacker, HASH_INTERVAL};
 pub use replay::{ReplayError, Replayed, Replayer};
 
 use std::path::Path;
