@@ -38,4 +38,5 @@ pub(crate) const NOTES: &str = "/ambf/notes";
 /// Reasons of ends.
 pub(crate) const STOPPED: &str = "stopped";
 pub(crate) const OVERFLOW: &str = "overflow";
+pub(crate) const TOO_LARGE: &str = "too large";
 pub(crate) const WENT_BACK: &str = "went back";

@@ -211,7 +211,7 @@ impl Recording {
         &self.header
     }
 
-    /// How the recording ended, once all entries were read: `stopped`; `overflow`, `went back`, where it ended before it was
+    /// How the recording ended, once all entries were read: `stopped`; `overflow`, `too large`, `went back`, where it ended before it was
     /// to; `None`: its writer was killed or the file was cut off.
     pub fn end(&self) -> Option<&str> {
         self.ended.as_deref()

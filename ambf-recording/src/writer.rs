@@ -16,7 +16,7 @@ use mcap::{Attachment, Compression, WriteOptions};
 use parking_lot::Mutex;
 use thiserror::Error;
 
-use crate::{Header, END, HEADER, NOTES, OVERFLOW, STOPPED, TOPIC, WENT_BACK};
+use crate::{Header, END, HEADER, NOTES, OVERFLOW, STOPPED, TOO_LARGE, TOPIC, WENT_BACK};
 
 /// How often entries are taken.
 const POLL: Duration = Duration::from_millis(20);
@@ -252,6 +252,7 @@ impl Output {
             if let Some(why) = early_end {
                 self.finish(match why {
                     EarlyEnd::Slow => OVERFLOW,
+                    EarlyEnd::TooLarge => TOO_LARGE,
                     EarlyEnd::WentBack => WENT_BACK,
                 })?;
                 return Err(Failure::Early(why));

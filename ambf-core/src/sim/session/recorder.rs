@@ -35,6 +35,11 @@ pub enum EarlyEnd {
     /// More entries waited than there is room for.
     #[error("the disk was too slow: more waited to be written than there is room for")]
     Slow,
+    /// One entry is longer than the queue.
+    #[error(
+        "what was done at once takes more than {CAPACITY} bytes, such as a cut of very many voxels: do it in parts"
+    )]
+    TooLarge,
     /// The simulation went back to a state that it had before the recording began.
     #[error("the simulation went back to a state from before the recording, which a replay cannot do")]
     WentBack,
@@ -144,9 +149,12 @@ impl Recorder {
         let length = (self.bytes.len() - LENGTH) as u32;
         self.bytes[..LENGTH].copy_from_slice(&length.to_le_bytes());
         self.count += 1;
+        if self.bytes.len() > CAPACITY {
+            return self.end(EarlyEnd::TooLarge);
+        }
         while self.queue.push_entire_slice(&self.bytes).is_err() {
             // What nobody takes any more is no loss.
-            if self.queue.is_abandoned() || !self.waits || self.bytes.len() > CAPACITY {
+            if self.queue.is_abandoned() || !self.waits {
                 return self.end(EarlyEnd::Slow);
             }
             std::thread::sleep(WAIT);
@@ -263,6 +271,17 @@ mod tests {
         assert_eq!(tap.early_end(), Some(EarlyEnd::Slow));
         recorder.note(&push(0, 0.0));
         tap.drain(|_| panic!("nothing is recorded any more"));
+    }
+
+    #[test]
+    fn an_entry_that_never_fits_ends_the_recording_for_that_reason() {
+        let (mut recorder, mut tap) = recorder(true);
+        recorder.note(&push(0, 1.0));
+        recorder.note(&Entry::Note { text: "x".repeat(CAPACITY) });
+        assert_eq!(tap.early_end(), Some(EarlyEnd::TooLarge));
+        let mut received = 0;
+        tap.drain(|_| received += 1);
+        assert_eq!(received, 1);
     }
 
     #[test]
