@@ -106,6 +106,7 @@ impl Simulation {
             iteration: start.iteration,
             sim_time: start.sim_time,
             lost_time: start.lost_time,
+            attachments: self.plugin_state.next_attachment,
         });
         self.note_devices(&mut recorder);
         if since.updates > 0 {
