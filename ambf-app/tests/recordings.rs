@@ -38,6 +38,7 @@ fn a_replay_writes_the_same_traces() {
         folder.succeed(&format!("{} --profile {profile} --steps 1500 {} --record a.mcap", scene(), outputs("a")));
         let replayed = folder.succeed(&format!("--replay a.mcap --json {}", outputs("b")));
         assert!(replayed.stdout.contains("\"steps\":1500"), "{}", replayed.stdout);
+        assert!(!replayed.stderr.contains("is not whole"), "{replayed:?}");
         assert_eq!(read(&folder, "a_bodies.csv"), read(&folder, "b_bodies.csv"));
         assert_eq!(read(&folder, "a.csv"), read(&folder, "b.csv"));
         refused(&folder.run(&format!("{} --steps 1 --record a.mcap", scene())), 2, "not overwritten");
@@ -84,6 +85,7 @@ fn a_full_disk_ends_the_recording_and_not_the_run() {
     assert!(ran.stderr.contains("the simulation goes on"), "{ran:?}");
     let replayed = folder.run("--replay a.mcap --json");
     assert_eq!(replayed.status, 0, "what was written is readable: {replayed:?}");
+    assert!(replayed.stderr.contains("is not whole"), "{replayed:?}");
 }
 
 #[test]
@@ -105,4 +107,5 @@ fn a_killed_program_leaves_a_readable_file() {
     child.wait().expect("it ends");
     let replayed = folder.succeed("--replay a.mcap --steps 3000 --json");
     assert!(replayed.stdout.contains("\"steps\":3000"), "{}", replayed.stdout);
+    assert!(replayed.stderr.contains("is not whole: its program was killed"), "{replayed:?}");
 }

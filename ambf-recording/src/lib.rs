@@ -23,6 +23,8 @@ mod reader;
 mod replay;
 mod writer;
 
+use ambf_core::sim::EarlyEnd;
+
 pub use header::{Header, UsedFile};
 pub use reader::{Recording, RecordingError, Timed};
 pub use replay::{Replay, ReplayFailure, Step, Targets};
@@ -35,8 +37,14 @@ pub(crate) const HEADER: &str = "ambf.recording";
 pub(crate) const END: &str = "ambf.end";
 pub(crate) const TOPIC: &str = "/ambf/recording";
 pub(crate) const NOTES: &str = "/ambf/notes";
-/// Reasons of ends.
+/// The reason of an end that was asked for.
 pub(crate) const STOPPED: &str = "stopped";
-pub(crate) const OVERFLOW: &str = "overflow";
-pub(crate) const TOO_LARGE: &str = "too large";
-pub(crate) const WENT_BACK: &str = "went back";
+
+/// The reason of an end that came before that, as files have it.
+pub(crate) fn reason(why: EarlyEnd) -> &'static str {
+    match why {
+        EarlyEnd::Slow => "overflow",
+        EarlyEnd::TooLarge => "too large",
+        EarlyEnd::WentBack => "went back",
+    }
+}

@@ -16,7 +16,7 @@ use mcap::{Attachment, Compression, WriteOptions};
 use parking_lot::Mutex;
 use thiserror::Error;
 
-use crate::{Header, END, HEADER, NOTES, OVERFLOW, STOPPED, TOO_LARGE, TOPIC, WENT_BACK};
+use crate::{reason, Header, END, HEADER, NOTES, STOPPED, TOPIC};
 
 /// How often entries are taken.
 const POLL: Duration = Duration::from_millis(20);
@@ -250,11 +250,7 @@ impl Output {
                 self.write_batch()?;
             }
             if let Some(why) = early_end {
-                self.finish(match why {
-                    EarlyEnd::Slow => OVERFLOW,
-                    EarlyEnd::TooLarge => TOO_LARGE,
-                    EarlyEnd::WentBack => WENT_BACK,
-                })?;
+                self.finish(reason(why))?;
                 return Err(Failure::Early(why));
             }
             if is_last {

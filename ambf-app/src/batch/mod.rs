@@ -404,6 +404,9 @@ fn load_recording(
     let tolerant = options.replay.as_ref().is_some_and(|wanted| wanted.changed_files);
     let (simulation, report) = replay.load(tolerant)?;
     warn(report.to_string().trim_end());
+    if let Some(problem) = replay.problem() {
+        warn!("warning: --replay: {problem}");
+    }
     Ok(LoadedScene { simulation, incomplete: report.errors() > 0, plugins: Vec::new() })
 }
 
