@@ -54,6 +54,13 @@ fn the_user_takes_over_where_it_is_said() {
     let arguments = "--replay a.mcap --continue-at 0.4995 --steps 1500 --commands c.txt --trace b --record b.mcap";
     folder.succeed(arguments);
     assert_eq!(read(&folder, "a_bodies.csv"), read(&folder, "b_bodies.csv"));
+    // The last state is there also where it is no multiple of `--every`.
+    let last = |name: &str| read(&folder, name).lines().next_back().map(str::to_owned);
+    folder.succeed(&arguments.replace("--trace b --record b.mcap", "--trace d --every 700"));
+    assert_eq!(last("d_bodies.csv"), last("a_bodies.csv"));
+    folder.succeed("--replay a.mcap --continue-at 1.2345 --steps 0 --trace d --every 700");
+    let left = last("d_bodies.csv").expect("a state");
+    assert!(left.starts_with("1235,") && read(&folder, "a_bodies.csv").lines().any(|line| line == left), "{left}");
     // And the recording of both is a recording.
     folder.succeed("--replay b.mcap --trace c");
     assert_eq!(read(&folder, "a_bodies.csv"), read(&folder, "c_bodies.csv"));

@@ -315,15 +315,16 @@ struct Run<'a> {
 impl Run<'_> {
     /// Makes all steps, or as many as come before it is stopped; how many were made.
     fn all(&mut self, replay: Option<&mut Replay>) -> Result<u64, BatchError> {
-        let mut made = 0;
-        if let Some(replay) = replay {
-            self.outputs.write(self.simulation, 0)?;
-            made = self.follow(replay)?;
-            if self.plan.own == 0 {
-                return Ok(made);
-            }
+        let Some(replay) = replay else { return self.step(None) };
+        self.outputs.write(self.simulation, 0)?;
+        let made = self.follow(replay)?;
+        // Where it is left is known only now.
+        self.plan.replayed = made;
+        self.outputs.end_at(self.simulation, self.plan.steps(), made)?;
+        match self.plan.own {
+            0 => Ok(made),
+            _ => self.step(Some(made)),
         }
-        self.step(made)
     }
 
     /// Replays a recording, until it is over or left; how many steps were made.
@@ -354,8 +355,9 @@ impl Run<'_> {
         lost.map_or(Ok(made), |lost| Err(lost.into()))
     }
 
-    /// Makes steps with the user's commands, after `before` others; how many there are in all.
-    fn step(&mut self, before: u64) -> Result<u64, BatchError> {
+    /// Makes steps with the user's commands, after those that were replayed, if any; how many there are in all.
+    fn step(&mut self, replayed: Option<u64>) -> Result<u64, BatchError> {
+        let before = replayed.unwrap_or(0);
         self.commands.apply(self.simulation, 0);
         for step in 0..=self.plan.own {
             if step > 0 {
@@ -364,7 +366,7 @@ impl Run<'_> {
                 outcome.map_err(|error| name_command(error, self.commands, self.simulation))?;
                 self.count(before + step, begin.elapsed());
             }
-            if step > 0 || before == 0 {
+            if step > 0 || replayed.is_none() {
                 self.outputs.write(self.simulation, before + step)?;
             }
             if step > 0 {
