@@ -78,6 +78,18 @@ fn changed_files_are_named_and_another_motion_too() {
 }
 
 #[test]
+fn a_run_that_does_not_begin_leaves_no_recording() {
+    let folder = folder();
+    folder.write("c.txt", "0|900|WR|Nobody|0 0 0 0 0 0\n");
+    let arguments = format!("{} --steps 10 --record a.mcap", scene());
+    refused(&folder.run(&arguments), 2, "Nobody");
+    assert!(!folder.path().join("a.mcap").exists());
+    folder.write("c.txt", "0|900|WR|Free|0 0 0 0 0 0\n");
+    folder.succeed(&arguments);
+    assert!(folder.path().join("a.mcap").exists());
+}
+
+#[test]
 fn a_full_disk_ends_the_recording_and_not_the_run() {
     let folder = folder();
     // Files may have 256 kB, as on a disk on which there is no more room. Wrenches that differ cannot be made much smaller.

@@ -184,18 +184,18 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         // Recorded, too: what plugins do while they begin is a part of the start.
         plugins::load(&mut simulation, &listed, &options.plugins, plugins::CrtkFiles::default(), false);
     }
-    let names = unique_names(&simulation);
-    let commands = match &options.commands {
-        Some(path) => {
-            let file = path.display().to_string();
-            let text =
-                files::read_text(path, MAX_COMMANDS).map_err(|error| BatchError::Load(format!("{file}: {error}")))?;
-            Commands::parse(&text, &file, &Targets::new(simulation.scene(), &names))?
-        }
-        None => Commands::default(),
-    };
     let plan = Plan::new(options, replay.as_ref());
-    let mut outputs = Outputs::create(options, &plan, &mut simulation, names)?;
+    let (commands, mut outputs) = match prepare(options, &plan, &mut simulation) {
+        Ok(prepared) => prepared,
+        Err(problem) => {
+            plugins::close(&mut simulation);
+            simulation.stop_recording();
+            if let Some(more) = writer.and_then(|writer| end_recording(writer, true)) {
+                report!("--record: {more}");
+            }
+            return Err(problem);
+        }
+    };
     let load = begin.elapsed();
 
     let stop = (simulation.has_plugins() || !outputs.is_empty()).then(process::stop_flag);
@@ -214,7 +214,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
     let cpu_s = cpu_seconds() - cpu_before;
     simulation.stop_recording();
     let steps = *outcome.as_ref().unwrap_or(&0);
-    let recorded = writer.and_then(|writer| writer.finish().problem).map(BatchError::RecordingEnded);
+    let recorded = writer.and_then(|writer| end_recording(writer, outcome.is_err())).map(BatchError::RecordingEnded);
     let mut problems = outcome.err().into_iter().chain(outputs.finish()).chain(recorded);
     if let Some(first) = problems.next() {
         problems.for_each(|problem| report!("{problem}"));
@@ -238,6 +238,37 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         incomplete,
         solver,
     })
+}
+
+/// Commands and outputs of a run.
+fn prepare(
+    options: &BatchOptions,
+    plan: &Plan,
+    simulation: &mut Simulation,
+) -> Result<(Commands, Outputs), BatchError> {
+    let names = unique_names(simulation);
+    let commands = match &options.commands {
+        Some(path) => {
+            let file = path.display().to_string();
+            let text =
+                files::read_text(path, MAX_COMMANDS).map_err(|error| BatchError::Load(format!("{file}: {error}")))?;
+            Commands::parse(&text, &file, &Targets::new(simulation.scene(), &names))?
+        }
+        None => Commands::default(),
+    };
+    let outputs = Outputs::create(options, plan, simulation, names)?;
+    Ok((commands, outputs))
+}
+
+/// Completes a recording; what was wrong with it. If the run `failed` before its first update, there is nothing in it, and
+/// the file would only be in the way of the next run.
+fn end_recording(writer: Writer, failed: bool) -> Option<String> {
+    let recorded = writer.finish();
+    if failed && recorded.updates == 0 {
+        let removed = std::fs::remove_file(&recorded.file);
+        return removed.err().map(|error| format!("{}: {error}", recorded.file.display()));
+    }
+    recorded.problem
 }
 
 /// Residual from which a run is not as its file says, m/s or rad/s.
