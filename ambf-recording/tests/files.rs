@@ -150,3 +150,20 @@ fn a_recording_names_its_files() {
     assert!(used.iter().any(|file| file.path.ends_with("pendulum.yaml") && file.sha256.len() == 64), "{used:?}");
     assert_eq!(recording.header().changed_files(), Vec::<String>::new());
 }
+
+#[test]
+fn files_that_a_description_includes_are_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (model, included) = (folder.path().join("a.xml"), folder.path().join("b.xml"));
+    std::fs::write(&model, "<mujoco><include file='b.xml'/></mujoco>").expect("written");
+    let text =
+        "<mujocoinclude><worldbody><body name='a'><freejoint/><geom size='0.1'/></body></worldbody></mujocoinclude>";
+    std::fs::write(&included, text).expect("written");
+    let files = SceneFiles { world: None, models: vec![model] };
+    let loaded = load(&files, &SceneOptions::default());
+    assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
+    let header = Header::of(&Simulation::new(loaded.scene, 0.001), "test").expect("readable");
+    std::fs::write(&included, text.replace("0.1", "0.2")).expect("written");
+    let changed = header.changed_files();
+    assert!(changed.len() == 1 && changed[0].contains("b.xml: has changed"), "{changed:?}");
+}
