@@ -214,8 +214,8 @@ impl Recording {
         &self.header
     }
 
-    /// How the recording ended, once all entries were read: `stopped`; `overflow`, `too large`, `went back`, where it ended before it was
-    /// to; `None`: its writer was killed or the file was cut off.
+    /// How the recording ended, once all entries were read: `stopped`; `overflow`, `too large`, `went back`, where it ended
+    /// before it was to; `None`: its writer was killed or the file was cut off.
     pub fn end(&self) -> Option<&str> {
         self.ended.as_deref()
     }

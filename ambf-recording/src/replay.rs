@@ -247,9 +247,9 @@ fn ending(scan: &Recording, damage: Option<RecordingError>) -> (String, Option<S
         (Some(error), _) => return ("damaged".into(), Some(error.to_string())),
         (None, Some(STOPPED)) => return (STOPPED.into(), None),
         (None, Some(early)) => {
-            let known = [EarlyEnd::Slow, EarlyEnd::TooLarge, EarlyEnd::WentBack].into_iter();
-            let why = known.filter(|why| reason(*why) == early).map(|why| why.to_string()).next();
-            (early, why.unwrap_or_else(|| early.to_owned()))
+            let known = [EarlyEnd::Slow, EarlyEnd::TooLarge, EarlyEnd::WentBack];
+            let why = known.into_iter().find(|why| reason(*why) == early);
+            (early, why.map_or_else(|| early.to_owned(), |why| why.to_string()))
         }
         (None, None) => {
             ("cut off", "its program was killed, or the file was not written or copied to its end".to_owned())

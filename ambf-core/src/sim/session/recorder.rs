@@ -37,7 +37,8 @@ pub enum EarlyEnd {
     Slow,
     /// One entry is longer than the queue.
     #[error(
-        "what was done at once takes more than {CAPACITY} bytes, such as a cut of very many voxels: do it in parts"
+        "what was done at once takes more than {} bytes, such as a cut of very many voxels: do it in parts",
+        CAPACITY
     )]
     TooLarge,
     /// The simulation went back to a state that it had before the recording began.
