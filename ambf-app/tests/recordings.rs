@@ -38,6 +38,7 @@ fn a_replay_writes_the_same_traces() {
         folder.succeed(&format!("{} --profile {profile} --steps 1500 {} --record a.mcap", scene(), outputs("a")));
         let replayed = folder.succeed(&format!("--replay a.mcap --json {}", outputs("b")));
         assert!(replayed.stdout.contains("\"steps\":1500"), "{}", replayed.stdout);
+        assert!(!replayed.stderr.contains("is not whole"), "{replayed:?}");
         assert_eq!(read(&folder, "a_bodies.csv"), read(&folder, "b_bodies.csv"));
         assert_eq!(read(&folder, "a.csv"), read(&folder, "b.csv"));
         refused(&folder.run(&format!("{} --steps 1 --record a.mcap", scene())), 2, "not overwritten");
@@ -53,6 +54,13 @@ fn the_user_takes_over_where_it_is_said() {
     let arguments = "--replay a.mcap --continue-at 0.4995 --steps 1500 --commands c.txt --trace b --record b.mcap";
     folder.succeed(arguments);
     assert_eq!(read(&folder, "a_bodies.csv"), read(&folder, "b_bodies.csv"));
+    // The last state is there also where it is no multiple of `--every`.
+    let last = |name: &str| read(&folder, name).lines().next_back().map(str::to_owned);
+    folder.succeed(&arguments.replace("--trace b --record b.mcap", "--trace d --every 700"));
+    assert_eq!(last("d_bodies.csv"), last("a_bodies.csv"));
+    folder.succeed("--replay a.mcap --continue-at 1.2345 --steps 0 --trace d --every 700");
+    let left = last("d_bodies.csv").expect("a state");
+    assert!(left.starts_with("1235,") && read(&folder, "a_bodies.csv").lines().any(|line| line == left), "{left}");
     // And the recording of both is a recording.
     folder.succeed("--replay b.mcap --trace c");
     assert_eq!(read(&folder, "a_bodies.csv"), read(&folder, "c_bodies.csv"));
@@ -70,6 +78,18 @@ fn changed_files_are_named_and_another_motion_too() {
 }
 
 #[test]
+fn a_run_that_does_not_begin_leaves_no_recording() {
+    let folder = folder();
+    folder.write("c.txt", "0|900|WR|Nobody|0 0 0 0 0 0\n");
+    let arguments = format!("{} --steps 10 --record a.mcap", scene());
+    refused(&folder.run(&arguments), 2, "Nobody");
+    assert!(!folder.path().join("a.mcap").exists());
+    folder.write("c.txt", "0|900|WR|Free|0 0 0 0 0 0\n");
+    folder.succeed(&arguments);
+    assert!(folder.path().join("a.mcap").exists());
+}
+
+#[test]
 fn a_full_disk_ends_the_recording_and_not_the_run() {
     let folder = folder();
     // Files may have 256 kB, as on a disk on which there is no more room. Wrenches that differ cannot be made much smaller.
@@ -84,6 +104,7 @@ fn a_full_disk_ends_the_recording_and_not_the_run() {
     assert!(ran.stderr.contains("the simulation goes on"), "{ran:?}");
     let replayed = folder.run("--replay a.mcap --json");
     assert_eq!(replayed.status, 0, "what was written is readable: {replayed:?}");
+    assert!(replayed.stderr.contains("is not whole"), "{replayed:?}");
 }
 
 #[test]
@@ -105,4 +126,5 @@ fn a_killed_program_leaves_a_readable_file() {
     child.wait().expect("it ends");
     let replayed = folder.succeed("--replay a.mcap --steps 3000 --json");
     assert!(replayed.stdout.contains("\"steps\":3000"), "{}", replayed.stdout);
+    assert!(replayed.stderr.contains("is not whole: its program was killed"), "{replayed:?}");
 }

@@ -13,7 +13,8 @@
 //!   time, `publish_time` the clock, both in ns.
 //! * Messages on the topic `/ambf/notes`, encoding `json`: `{"text": …}`, what somebody noted, for programs that do not
 //!   know entries.
-//! * A metadata record `ambf.end` with `reason` and `entries` when the recording was ended in order.
+//! * A metadata record `ambf.end` with `reason` and `entries` when the file was completed. `stopped`: it is whole; other
+//!   reasons: it ended before it was to.
 //!
 //! A chunk is closed each second, and what is closed can be read, whatever becomes of the writer.
 
@@ -21,6 +22,8 @@ mod header;
 mod reader;
 mod replay;
 mod writer;
+
+use ambf_core::sim::EarlyEnd;
 
 pub use header::{Header, UsedFile};
 pub use reader::{Recording, RecordingError, Timed};
@@ -34,3 +37,14 @@ pub(crate) const HEADER: &str = "ambf.recording";
 pub(crate) const END: &str = "ambf.end";
 pub(crate) const TOPIC: &str = "/ambf/recording";
 pub(crate) const NOTES: &str = "/ambf/notes";
+/// The reason of an end that was asked for.
+pub(crate) const STOPPED: &str = "stopped";
+
+/// The reason of an end that came before that, as files have it.
+pub(crate) fn reason(why: EarlyEnd) -> &'static str {
+    match why {
+        EarlyEnd::Slow => "overflow",
+        EarlyEnd::TooLarge => "too large",
+        EarlyEnd::WentBack => "went back",
+    }
+}

@@ -1,6 +1,5 @@
 //! Reading recordings.
 
-use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -77,7 +76,10 @@ pub struct Recording {
     header: Header,
     source: Source,
     unpacker: Unpacker,
-    waiting: VecDeque<Entry<'static>>,
+    /// The message that is read, and where its next entry begins. Its entries are unpacked one by one: those that repeat
+    /// others are far larger in memory than in the file.
+    message: Vec<u8>,
+    place: usize,
     sim_time: f64,
     count: u64,
     ended: Option<String>,
@@ -194,7 +196,8 @@ impl Recording {
             header,
             source,
             unpacker: Unpacker::default(),
-            waiting: VecDeque::new(),
+            message: Vec::new(),
+            place: 0,
             sim_time: 0.0,
             count: 0,
             ended: None,
@@ -211,7 +214,8 @@ impl Recording {
         &self.header
     }
 
-    /// How the recording ended, once all entries were read: `stopped`, `overflow`; `None`: its writer was killed.
+    /// How the recording ended, once all entries were read: `stopped`; `overflow`, `too large`, `went back`, where it ended
+    /// before it was to; `None`: its writer was killed or the file was cut off.
     pub fn end(&self) -> Option<&str> {
         self.ended.as_deref()
     }
@@ -222,7 +226,7 @@ impl Recording {
     /// [`RecordingError::Damaged`], [`RecordingError::Read`].
     pub fn next_entry(&mut self) -> Result<Option<Timed>, RecordingError> {
         loop {
-            if let Some(entry) = self.waiting.pop_front() {
+            if let Some(entry) = self.unpack().map_err(|error| self.damaged(&error.to_string()))? {
                 let sim_time = self.sim_time;
                 match &entry {
                     Entry::Update { interval, .. } => self.sim_time += interval,
@@ -236,7 +240,7 @@ impl Recording {
                 return Ok(Some(Timed { sim_time, entry }));
             }
             match self.source.next() {
-                Ok(Found::Entries(bytes)) => self.unpack(&bytes).map_err(|error| self.damaged(&error.to_string()))?,
+                Ok(Found::Entries(bytes)) => (self.message, self.place) = (bytes, 0),
                 Ok(Found::End(reason)) => self.ended = Some(reason),
                 Ok(Found::Header(_)) => return Err(self.damaged("it begins twice")),
                 Ok(Found::Nothing) => return Ok(None),
@@ -256,16 +260,18 @@ impl Recording {
         }
     }
 
-    fn unpack(&mut self, bytes: &[u8]) -> Result<(), CodeError> {
-        let mut rest = bytes;
-        while !rest.is_empty() {
-            let (length, behind) = rest.split_first_chunk::<4>().ok_or(CodeError::Short)?;
-            let length = u32::from_le_bytes(*length) as usize;
-            let (entry, behind) = behind.split_at_checked(length).ok_or(CodeError::Short)?;
-            self.waiting.push_back(self.unpacker.unpack(entry)?);
-            rest = behind;
+    /// The next entry of the message; `None` after the last. Nothing of a message is read behind an error.
+    fn unpack(&mut self) -> Result<Option<Entry<'static>>, CodeError> {
+        let rest = &self.message[self.place..];
+        if rest.is_empty() {
+            return Ok(None);
         }
-        Ok(())
+        self.place = self.message.len();
+        let (length, behind) = rest.split_first_chunk::<4>().ok_or(CodeError::Short)?;
+        let entry = behind.get(..u32::from_le_bytes(*length) as usize).ok_or(CodeError::Short)?;
+        let unpacked = self.unpacker.unpack(entry)?;
+        self.place -= behind.len() - entry.len();
+        Ok(Some(unpacked))
     }
 }
 

@@ -7,10 +7,10 @@ use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use ambf_core::ids::{BodyId, JointId};
 use ambf_core::plugin::Command;
 use ambf_core::scene::SceneReport;
-use ambf_core::sim::{Entry, LostState, ReplayError, Replayed, Replayer, Simulation};
+use ambf_core::sim::{EarlyEnd, Entry, LostState, ReplayError, Replayed, Replayer, Simulation};
 use thiserror::Error;
 
-use crate::{Header, Recording, RecordingError};
+use crate::{reason, Header, Recording, RecordingError, STOPPED};
 
 /// Why a replay does not go on.
 #[derive(Debug, Error)]
@@ -41,6 +41,8 @@ pub struct Replay {
     /// Mean interval of its updates, s.
     interval: f64,
     targets: Targets,
+    ended: String,
+    problem: Option<String>,
 }
 
 /// What was commanded last, for data sets of actions.
@@ -121,7 +123,12 @@ impl Replay {
         let mut scan = Recording::open(path)?;
         let (mut restored, mut updates, mut end, mut notes) = (Vec::new(), 0, 0.0, Vec::new());
         let mut moved = 0.0;
-        while let Ok(Some(timed)) = scan.next_entry() {
+        let damage = loop {
+            let timed = match scan.next_entry() {
+                Ok(Some(timed)) => timed,
+                Ok(None) => break None,
+                Err(error) => break Some(error),
+            };
             end = timed.sim_time;
             match timed.entry {
                 Entry::Restore { position, .. } => restored.push(position),
@@ -133,7 +140,8 @@ impl Replay {
                 Entry::Note { text } => notes.push((timed.sim_time, text)),
                 _ => (),
             }
-        }
+        };
+        let (ended, problem) = ending(&scan, damage);
         let interval = if updates > 0 { moved / updates as f64 } else { 0.0 };
         let recording = Recording::open(path)?;
         Ok(Self {
@@ -144,7 +152,20 @@ impl Replay {
             notes,
             interval,
             targets: Targets::default(),
+            ended,
+            problem,
         })
+    }
+
+    /// How the recording ended: `stopped`, as it was to; `overflow`, `too large` or `went back`, before that; `cut off`: its
+    /// program was killed, or it could not be written or copied to its end; `damaged`.
+    pub fn ended(&self) -> &str {
+        &self.ended
+    }
+
+    /// A sentence where the recording is not whole. It is replayed as far as it goes.
+    pub fn problem(&self) -> Option<&str> {
+        self.problem.as_deref()
     }
 
     /// What the recording says about its scene.
@@ -218,4 +239,21 @@ impl Replay {
         self.targets.note(entry, simulation);
         Ok(replayed)
     }
+}
+
+/// [`Replay::ended`] and [`Replay::problem`] of a recording that was read to its end, or up to `damage`.
+fn ending(scan: &Recording, damage: Option<RecordingError>) -> (String, Option<String>) {
+    let (ended, why) = match (damage, scan.end()) {
+        (Some(error), _) => return ("damaged".into(), Some(error.to_string())),
+        (None, Some(STOPPED)) => return (STOPPED.into(), None),
+        (None, Some(early)) => {
+            let known = [EarlyEnd::Slow, EarlyEnd::TooLarge, EarlyEnd::WentBack];
+            let why = known.into_iter().find(|why| reason(*why) == early);
+            (early, why.map_or_else(|| early.to_owned(), |why| why.to_string()))
+        }
+        (None, None) => {
+            ("cut off", "its program was killed, or the file was not written or copied to its end".to_owned())
+        }
+    };
+    (ended.to_owned(), Some(format!("{}: the recording is not whole: {why}", scan.path().display())))
 }

@@ -10,13 +10,13 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use ambf_core::files;
-use ambf_core::sim::{recorder, Entry, Recorder, Simulation, StartError, Tap};
+use ambf_core::sim::{recorder, EarlyEnd, Entry, Recorder, Simulation, StartError, Tap};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, WriteOptions};
 use parking_lot::Mutex;
 use thiserror::Error;
 
-use crate::{Header, END, HEADER, NOTES, TOPIC};
+use crate::{reason, Header, END, HEADER, NOTES, STOPPED, TOPIC};
 
 /// How often entries are taken.
 const POLL: Duration = Duration::from_millis(20);
@@ -173,8 +173,8 @@ impl Drop for Writer {
 /// Why a recording ends early.
 #[derive(Debug, Error)]
 enum Failure {
-    #[error("the disk was too slow: more waited to be written than there is room for")]
-    Slow,
+    #[error("{0}")]
+    Early(EarlyEnd),
     #[error("{0}")]
     Write(#[from] mcap::McapError),
 }
@@ -235,7 +235,7 @@ impl Output {
         loop {
             // Looked at first, so that nothing comes after what is taken now.
             let is_last = tap.is_last() || status.stop.load(Ordering::Acquire);
-            let overflowed = tap.has_overflowed();
+            let early_end = tap.early_end();
             let mut failed = None;
             tap.drain(|entry| {
                 if failed.is_none() {
@@ -245,16 +245,16 @@ impl Output {
             failed.map_or(Ok(()), Err)?;
             status.entries.store(self.entries, Ordering::Release);
             status.updates.store(self.updates, Ordering::Release);
-            if is_last || overflowed || written.elapsed() >= MESSAGE {
+            if is_last || early_end.is_some() || written.elapsed() >= MESSAGE {
                 written = Instant::now();
                 self.write_batch()?;
             }
-            if overflowed {
-                self.finish("overflow")?;
-                return Err(Failure::Slow);
+            if let Some(why) = early_end {
+                self.finish(reason(why))?;
+                return Err(Failure::Early(why));
             }
             if is_last {
-                return Ok(self.finish("stopped")?);
+                return Ok(self.finish(STOPPED)?);
             }
             if flushed.elapsed() >= FLUSH {
                 flushed = Instant::now();

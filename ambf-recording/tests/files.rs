@@ -1,7 +1,9 @@
 //! Files that are no recordings, or no whole ones, are refused or read as far as they go.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
+use ambf_core::comm::RigidBodyCommand;
 use ambf_core::scene::{load, SceneFiles, SceneOptions};
 use ambf_core::sim::{Entry, Simulation};
 use ambf_recording::{Header, Recording, RecordingError, Writer};
@@ -104,6 +106,41 @@ fn other_files_are_refused_by_what_they_are() {
     assert!(refused().contains("later version"), "{}", refused());
 }
 
+/// A message of 20 MB that stands for 8 TB.
+#[test]
+fn repetitions_take_memory_one_by_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let whole = std::fs::read(recorded(folder.path(), 10)).expect("written");
+    let records = mcap::read::LinearReader::new(&whole).expect("MCAP");
+    let header = records.map(|record| record.expect("whole")).find_map(|record| match record {
+        mcap::records::Record::Metadata(metadata) if metadata.name == "ambf.recording" => Some(metadata),
+        _ => None,
+    });
+    let mut message = Vec::new();
+    let mut add = |entry: &Entry<'_>| {
+        let mut bytes = Vec::new();
+        entry.write(&mut bytes);
+        message.extend_from_slice(&(bytes.len() as u32).to_le_bytes());
+        message.extend_from_slice(&bytes);
+    };
+    let command = RigidBodyCommand { joint_commands: vec![1.0; 1_000_000], ..RigidBodyCommand::default() };
+    let large = Entry::Body { body: 0, command: Cow::Owned(command) };
+    add(&large);
+    (0..1_000_000).for_each(|_| add(&Entry::Same { kind: 4, object: 0 }));
+    let file = folder.path().join("a.mcap");
+    let mut writer = mcap::Writer::new(std::fs::File::create(&file).expect("made")).expect("written");
+    writer.write_metadata(&header.expect("a header")).expect("written");
+    let channel_id = writer.add_channel(0, "/ambf/recording", "ambf", &Default::default()).expect("written");
+    let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
+    writer.write_to_known_channel(&header, &message).expect("written");
+    writer.finish().expect("written");
+    drop(writer);
+    let mut recording = Recording::open(&file).expect("a recording");
+    for _ in 0..3 {
+        assert!(recording.next_entry().expect("whole").is_some_and(|timed| timed.entry == large));
+    }
+}
+
 #[test]
 fn a_recording_names_its_files() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -112,4 +149,21 @@ fn a_recording_names_its_files() {
     assert!(files.models[0].is_absolute());
     assert!(used.iter().any(|file| file.path.ends_with("pendulum.yaml") && file.sha256.len() == 64), "{used:?}");
     assert_eq!(recording.header().changed_files(), Vec::<String>::new());
+}
+
+#[test]
+fn files_that_a_description_includes_are_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (model, included) = (folder.path().join("a.xml"), folder.path().join("b.xml"));
+    std::fs::write(&model, "<mujoco><include file='b.xml'/></mujoco>").expect("written");
+    let text =
+        "<mujocoinclude><worldbody><body name='a'><freejoint/><geom size='0.1'/></body></worldbody></mujocoinclude>";
+    std::fs::write(&included, text).expect("written");
+    let files = SceneFiles { world: None, models: vec![model] };
+    let loaded = load(&files, &SceneOptions::default());
+    assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
+    let header = Header::of(&Simulation::new(loaded.scene, 0.001), "test").expect("readable");
+    std::fs::write(&included, text.replace("0.1", "0.2")).expect("written");
+    let changed = header.changed_files();
+    assert!(changed.len() == 1 && changed[0].contains("b.xml: has changed"), "{changed:?}");
 }

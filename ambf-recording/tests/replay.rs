@@ -1,14 +1,17 @@
 //! A replay is the recorded motion, bit for bit.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::Arc;
 use std::time::Duration;
 
 use ambf_core::adf::{self, Launch};
 use ambf_core::comm::{CarveCommand, JointCommandType, ObjectKind, RigidBodyCommand, Snapshot, VehicleCommand};
 use ambf_core::control::Profile;
 use ambf_core::ids::{BodyId, VehicleId};
+use ambf_core::plugin::{AnyPlugin, Plugin, PluginSetup, SimulatorPlugin, View};
 use ambf_core::scene::{load, Loaded, PhysicsOptions, PreparedModel, SceneFiles, SceneOptions};
-use ambf_core::sim::{ReplayError, Simulation, Stepper, WindowRequest};
+use ambf_core::sim::{Picked, ReplayError, Simulation, Stepper, WindowAnswer, WindowRequest};
 use ambf_core::volume::{Rule, Shape};
 use ambf_recording::{Replay, ReplayFailure, Step, Writer};
 use nalgebra::{Isometry3, Vector3};
@@ -156,8 +159,10 @@ fn models_that_come_and_go_are_replayed() {
             run(&mut simulation, 100, &mut states);
             simulation.remove_model(&added.key).expect("it is there");
             run(&mut simulation, 50, &mut states);
-            let body = simulation.scene().bodies.ids().last().expect("a body");
-            let _ = simulation.remove_body(body);
+            // Those of the model have left.
+            let bodies: Vec<BodyId> = simulation.scene().bodies.ids().collect();
+            let removed = bodies.into_iter().rev().find_map(|body| simulation.remove_body(body).ok());
+            assert!(removed.is_some(), "there is a body left");
             let _ = simulation.iterate(0.001);
             states.push(bits(&simulation));
             (states, Some(simulation))
@@ -250,6 +255,8 @@ fn what_is_done_in_windows_and_through_the_hub_is_replayed() {
             let origin = place(&simulation) + 5.0 * Vector3::z();
             link.post(WindowRequest::Pick { origin, direction: -Vector3::z() }).expect("room");
             step(&mut simulation, 3);
+            let answer = link.answer();
+            assert!(matches!(answer, Some(WindowAnswer::Picked(Picked::Body { .. }))), "{answer:?}");
             for x in 0..30 {
                 let origin = origin + Vector3::x() * f64::from(x) * 0.01;
                 link.post(WindowRequest::Drag { origin, direction: -Vector3::z() }).expect("room");
@@ -261,6 +268,89 @@ fn what_is_done_in_windows_and_through_the_hub_is_replayed() {
             (states, Some(simulation))
         });
     }
+}
+
+/// Holds two bodies together for a while after each reset, and counts how often it let them go.
+struct Holder {
+    bodies: [usize; 2],
+    updates: u32,
+    held: Option<u64>,
+    released: Arc<AtomicU32>,
+}
+
+impl Plugin for Holder {
+    fn physics_update(&mut self, world: &mut View<'_>, _: f64) {
+        self.updates += 1;
+        let [a, b] = self.bodies;
+        match self.updates {
+            20 => self.held = world.attach(a, b).ok(),
+            // Refused when it is recorded, and no part of the recording.
+            30 => self.held = self.held.filter(|_| world.attach(a, a).is_err()),
+            60 => {
+                let is_released = self.held.take().is_some_and(|held| world.detach(held).is_ok());
+                self.released.fetch_add(u32::from(is_released), Ordering::Relaxed);
+            }
+            _ => (),
+        }
+    }
+
+    fn reset(&mut self, _: &mut View<'_>) {
+        (self.updates, self.held) = (0, None);
+    }
+}
+
+impl SimulatorPlugin for Holder {}
+
+/// What a plugin attaches before a recording begins is counted, too.
+#[test]
+fn what_plugins_attach_and_detach_over_resets_is_replayed() {
+    let mut simulation = shipped("stack.yaml", Profile::Accurate, false);
+    let dynamic = simulation.scene().bodies.ids().filter(|&body| simulation.scene().bodies[body].is_dynamic());
+    let bodies: Vec<usize> = dynamic.map(BodyId::index).collect();
+    let (bodies, released) = ([bodies[0], bodies[1]], Arc::new(AtomicU32::new(0)));
+    let mut setup = PluginSetup { command_line: vec!["builtin:holder".into()], ..PluginSetup::default() };
+    let counter = Arc::clone(&released);
+    setup.registry.add("holder", move |_| {
+        let holder = Holder { bodies, updates: 0, held: None, released: Arc::clone(&counter) };
+        Some(AnyPlugin::Simulator(Box::new(holder)))
+    });
+    assert_eq!(simulation.load_plugins(setup).problems, Vec::<String>::new());
+    run(&mut simulation, 80, &mut Vec::new());
+    simulation.reset_world();
+    check("attachments", simulation, |mut simulation| {
+        let mut states = Vec::new();
+        run(&mut simulation, 80, &mut states);
+        simulation.reset_world();
+        run(&mut simulation, 80, &mut states);
+        (states, Some(simulation))
+    });
+    assert_eq!(released.load(Ordering::Relaxed), 3);
+}
+
+#[test]
+fn a_state_from_before_a_recording_ends_it_and_none_begins_there() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("a.mcap");
+    let mut simulation = shipped("stack.yaml", Profile::Accurate, true);
+    let saved = simulation.save().expect("savable");
+    let writer = Writer::start(&file, &mut simulation, "test", true).expect("at the start");
+    run(&mut simulation, 50, &mut Vec::new());
+    simulation.restore(&saved).expect("of this simulation");
+    assert!(!simulation.is_recorded());
+    run(&mut simulation, 50, &mut Vec::new());
+    let summary = writer.finish();
+    let problem = summary.problem.expect("it has ended early");
+    assert!(problem.contains("a state from before the recording"), "{problem}");
+    let replay = Replay::open(&file).expect("a recording");
+    assert_eq!((replay.ended(), replay.updates()), ("went back", 50));
+    assert!(replay.problem().is_some_and(|problem| problem.contains("is not whole")), "{:?}", replay.problem());
+    // Nor after a reset, when a state with motion is restored then.
+    let moving = simulation.save().expect("savable");
+    simulation.reset_world();
+    simulation.restore(&moving).expect("of this simulation");
+    let other = folder.path().join("b.mcap");
+    let why = Writer::start(&other, &mut simulation, "test", true).expect_err("it is moving").to_string();
+    assert!(why.contains("reset"), "{why}");
 }
 
 #[test]

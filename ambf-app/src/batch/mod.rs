@@ -184,18 +184,18 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         // Recorded, too: what plugins do while they begin is a part of the start.
         plugins::load(&mut simulation, &listed, &options.plugins, plugins::CrtkFiles::default(), false);
     }
-    let names = unique_names(&simulation);
-    let commands = match &options.commands {
-        Some(path) => {
-            let file = path.display().to_string();
-            let text =
-                files::read_text(path, MAX_COMMANDS).map_err(|error| BatchError::Load(format!("{file}: {error}")))?;
-            Commands::parse(&text, &file, &Targets::new(simulation.scene(), &names))?
-        }
-        None => Commands::default(),
-    };
     let plan = Plan::new(options, replay.as_ref());
-    let mut outputs = Outputs::create(options, &plan, &mut simulation, names)?;
+    let (commands, mut outputs) = match prepare(options, &plan, &mut simulation) {
+        Ok(prepared) => prepared,
+        Err(problem) => {
+            plugins::close(&mut simulation);
+            simulation.stop_recording();
+            if let Some(more) = writer.and_then(|writer| end_recording(writer, true)) {
+                report!("--record: {more}");
+            }
+            return Err(problem);
+        }
+    };
     let load = begin.elapsed();
 
     let stop = (simulation.has_plugins() || !outputs.is_empty()).then(process::stop_flag);
@@ -214,7 +214,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
     let cpu_s = cpu_seconds() - cpu_before;
     simulation.stop_recording();
     let steps = *outcome.as_ref().unwrap_or(&0);
-    let recorded = writer.and_then(|writer| writer.finish().problem).map(BatchError::RecordingEnded);
+    let recorded = writer.and_then(|writer| end_recording(writer, outcome.is_err())).map(BatchError::RecordingEnded);
     let mut problems = outcome.err().into_iter().chain(outputs.finish()).chain(recorded);
     if let Some(first) = problems.next() {
         problems.for_each(|problem| report!("{problem}"));
@@ -238,6 +238,37 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
         incomplete,
         solver,
     })
+}
+
+/// Commands and outputs of a run.
+fn prepare(
+    options: &BatchOptions,
+    plan: &Plan,
+    simulation: &mut Simulation,
+) -> Result<(Commands, Outputs), BatchError> {
+    let names = unique_names(simulation);
+    let commands = match &options.commands {
+        Some(path) => {
+            let file = path.display().to_string();
+            let text =
+                files::read_text(path, MAX_COMMANDS).map_err(|error| BatchError::Load(format!("{file}: {error}")))?;
+            Commands::parse(&text, &file, &Targets::new(simulation.scene(), &names))?
+        }
+        None => Commands::default(),
+    };
+    let outputs = Outputs::create(options, plan, simulation, names)?;
+    Ok((commands, outputs))
+}
+
+/// Completes a recording; what was wrong with it. If the run `failed` before its first update, there is nothing in it, and
+/// the file would only be in the way of the next run.
+fn end_recording(writer: Writer, failed: bool) -> Option<String> {
+    let recorded = writer.finish();
+    if failed && recorded.updates == 0 {
+        let removed = std::fs::remove_file(&recorded.file);
+        return removed.err().map(|error| format!("{}: {error}", recorded.file.display()));
+    }
+    recorded.problem
 }
 
 /// Residual from which a run is not as its file says, m/s or rad/s.
@@ -315,15 +346,16 @@ struct Run<'a> {
 impl Run<'_> {
     /// Makes all steps, or as many as come before it is stopped; how many were made.
     fn all(&mut self, replay: Option<&mut Replay>) -> Result<u64, BatchError> {
-        let mut made = 0;
-        if let Some(replay) = replay {
-            self.outputs.write(self.simulation, 0)?;
-            made = self.follow(replay)?;
-            if self.plan.own == 0 {
-                return Ok(made);
-            }
+        let Some(replay) = replay else { return self.step(None) };
+        self.outputs.write(self.simulation, 0)?;
+        let made = self.follow(replay)?;
+        // Where it is left is known only now.
+        self.plan.replayed = made;
+        self.outputs.end_at(self.simulation, self.plan.steps(), made)?;
+        match self.plan.own {
+            0 => Ok(made),
+            _ => self.step(Some(made)),
         }
-        self.step(made)
     }
 
     /// Replays a recording, until it is over or left; how many steps were made.
@@ -354,8 +386,9 @@ impl Run<'_> {
         lost.map_or(Ok(made), |lost| Err(lost.into()))
     }
 
-    /// Makes steps with the user's commands, after `before` others; how many there are in all.
-    fn step(&mut self, before: u64) -> Result<u64, BatchError> {
+    /// Makes steps with the user's commands, after those that were replayed, if any; how many there are in all.
+    fn step(&mut self, replayed: Option<u64>) -> Result<u64, BatchError> {
+        let before = replayed.unwrap_or(0);
         self.commands.apply(self.simulation, 0);
         for step in 0..=self.plan.own {
             if step > 0 {
@@ -364,7 +397,7 @@ impl Run<'_> {
                 outcome.map_err(|error| name_command(error, self.commands, self.simulation))?;
                 self.count(before + step, begin.elapsed());
             }
-            if step > 0 || before == 0 {
+            if step > 0 || replayed.is_none() {
                 self.outputs.write(self.simulation, before + step)?;
             }
             if step > 0 {
@@ -404,6 +437,9 @@ fn load_recording(
     let tolerant = options.replay.as_ref().is_some_and(|wanted| wanted.changed_files);
     let (simulation, report) = replay.load(tolerant)?;
     warn(report.to_string().trim_end());
+    if let Some(problem) = replay.problem() {
+        warn!("warning: --replay: {problem}");
+    }
     Ok(LoadedScene { simulation, incomplete: report.errors() > 0, plugins: Vec::new() })
 }
 

@@ -16,7 +16,10 @@ pub(super) struct Outputs {
     #[cfg(feature = "pictures")]
     pictures: Option<Pictures>,
     every: u64,
+    /// Step after which numbers are written in any case.
     last: u64,
+    /// Step after which they were written last.
+    written: Option<u64>,
 }
 
 impl Outputs {
@@ -57,13 +60,28 @@ impl Outputs {
     /// Writes what is due after `step`.
     pub fn write(&mut self, simulation: &Simulation, step: u64) -> Result<(), BatchError> {
         if step.is_multiple_of(self.every) || step == self.last {
-            add(&mut self.trace, |trace| trace.write(simulation, step))?;
-            add(&mut self.energy, |energy| energy.write(simulation, step))?;
+            self.write_numbers(simulation, step)?;
         }
         #[cfg(feature = "pictures")]
         if let Some(pictures) = &mut self.pictures {
             pictures.take(simulation, step)?;
         }
+        Ok(())
+    }
+
+    /// Says that `last` is the last step, `made` of which were made until now.
+    pub fn end_at(&mut self, simulation: &Simulation, last: u64, made: u64) -> Result<(), BatchError> {
+        self.last = last;
+        match made == last && self.written != Some(made) {
+            true => self.write_numbers(simulation, made),
+            false => Ok(()),
+        }
+    }
+
+    fn write_numbers(&mut self, simulation: &Simulation, step: u64) -> Result<(), BatchError> {
+        self.written = Some(step);
+        add(&mut self.trace, |trace| trace.write(simulation, step))?;
+        add(&mut self.energy, |energy| energy.write(simulation, step))?;
         Ok(())
     }
 

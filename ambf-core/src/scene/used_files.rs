@@ -5,17 +5,18 @@ use std::path::{Path, PathBuf};
 
 use super::Scene;
 use crate::adf::{self, CollisionGeometry, Part, PartGeometry, RaySource, VisualGeometry, WheelVisual};
+use crate::robot;
 
 /// Images of a volume that are looked for.
 const MAX_IMAGES: u32 = 4096;
 
 impl Scene {
     /// All files that the scene was made of, as far as they are there: descriptions, meshes that collide or are drawn,
-    /// images of volumes. Sorted, each once; absolute or relative to the working directory. Models that were removed
-    /// count no more.
+    /// images of volumes, what descriptions in MJCF include. Sorted, each once; absolute or relative to the working
+    /// directory. Models that were removed count no more. Reads descriptions in MJCF.
     ///
     /// ## Limitations
-    /// Without what meshes and descriptions name themselves: textures, material files, included files.
+    /// Without what meshes name themselves: textures, material files.
     pub fn used_files(&self) -> Vec<PathBuf> {
         let mut files = BTreeSet::new();
         let (origin, _) = self.origin();
@@ -24,6 +25,7 @@ impl Scene {
         for model in self.models.iter().filter(|model| !model.removed) {
             files.insert(model.description.file.to_path_buf());
             add_files(&model.description, &mut files);
+            add_included(&model.description.file, &mut files);
         }
         files.into_iter().filter(|file| file.is_file()).collect()
     }
@@ -61,6 +63,16 @@ fn add_files(model: &adf::Model, files: &mut BTreeSet<PathBuf>) {
         files.extend(images.files(MAX_IMAGES));
     }
     files.extend(model.volumes.iter().filter_map(|volume| volume.nrrd.clone()));
+}
+
+/// Adds what a description in MJCF includes.
+fn add_included(file: &Path, files: &mut BTreeSet<PathBuf>) {
+    if robot::is_robot(file) {
+        // It was read before: what has become of it since is said by its hash.
+        if let Ok((_, _, companions)) = robot::load_with_companions(file) {
+            files.extend(companions.files.paths().map(Path::to_owned));
+        }
+    }
 }
 
 fn mesh_of(part: &Part) -> Option<PathBuf> {

@@ -28,7 +28,8 @@ pub use nearness::Nearness;
 pub use runner::{Control, Event, Runner, RunnerOptions};
 pub use saved::SavedState;
 pub use session::{
-    recorder, CodeError, Entry, Recorder, ReplayError, Replayed, Replayer, StartError, Tap, Unpacker, HASH_INTERVAL,
+    recorder, CodeError, EarlyEnd, Entry, Recorder, ReplayError, Replayed, Replayer, StartError, Tap, Unpacker,
+    HASH_INTERVAL,
 };
 pub use slices::request_short_slices;
 pub use step_pool::{Batch, StepPool, Stepped, Steps};

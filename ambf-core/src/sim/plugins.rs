@@ -27,7 +27,8 @@ pub(super) struct PluginState {
     /// Plugin that is being called.
     caller: u64,
     attachments: Vec<Attachment>,
-    next_attachment: u64,
+    /// Number of the latest attachment.
+    pub(super) next_attachment: u64,
     /// What plugins have attached while they began: part of the start, to which a reset returns.
     first_attachments: Vec<Attachment>,
     /// The plugin that is called begins.
@@ -218,13 +219,13 @@ impl Simulation {
     }
 
     /// Does what a plugin did; `begins`: while it was loaded.
-    pub(super) fn act_as_plugin(&mut self, plugin: u64, begins: bool, command: &Command) {
+    pub(super) fn act_as_plugin(&mut self, plugin: u64, begins: bool, command: &Command) -> Result<(), CommandError> {
         self.plugin_state.begins = begins;
         let mut access = SceneAccess { physics: &mut self.physics, state: &mut self.plugin_state };
         access.act_as(plugin);
-        // It may have failed when it was recorded, too.
-        let _ = access.execute(command);
+        let done = access.execute(command);
         self.plugin_state.begins = false;
+        done.map(|_| ())
     }
 
     /// Releases what a plugin holds, as when it is closed.
@@ -418,7 +419,7 @@ impl SceneAccess<'_> {
         let offset = other.inverse() * pose;
         let constraint = world.add_constraint(a, b, &held_at(offset)).ok_or(CommandError::Refused)?;
         let state = &mut self.state;
-        state.next_attachment += 1;
+        state.next_attachment = state.next_attachment.wrapping_add(1);
         let (number, plugin) = (state.next_attachment, state.caller);
         let attachment = Attachment { number, plugin, bodies: [body, to], offset, constraint };
         if state.begins {
@@ -575,12 +576,20 @@ impl Access for SceneAccess<'_> {
         if !command.is_finite() {
             return Err(CommandError::NotFinite);
         }
+        let done = self.execute_finite(command)?;
         let asks_loop =
             matches!(command, Command::ResetWorld | Command::ResetBodies | Command::Pause(_) | Command::Step(_));
+        // What failed has changed nothing.
         if !asks_loop {
             let (plugin, begins) = (self.state.caller, self.state.begins);
             self.physics.note(&Entry::Plugin { plugin, begins, command: *command });
         }
+        Ok(done)
+    }
+}
+
+impl SceneAccess<'_> {
+    fn execute_finite(&mut self, command: &Command) -> Result<u64, CommandError> {
         match *command {
             Command::Wrench { body, force, torque } => {
                 let body = self.live(body)?;

@@ -3,7 +3,7 @@
 use super::commands::{Link, SavedCommands};
 use super::physics::{Physics, Time};
 use super::plugins::Attachment;
-use super::session::Entry;
+use super::session::{EarlyEnd, Entry};
 use super::targets::ActiveTargets;
 use super::window::Picking;
 use super::Simulation;
@@ -149,17 +149,17 @@ impl Simulation {
     }
 
     fn note_restored(&mut self, saved: &SavedState, keep_cameras: bool) {
+        self.physics.since_start.note_restored();
         let Some(recorder) = &self.physics.recorder else { return };
         match saved.recorded {
             Some((id, position)) if id == recorder.position().0 => {
                 self.physics.note(&Entry::Restore { position, keep_cameras, sim_time: saved.sim_time() });
             }
+            // Who writes the recording says so.
             _ => {
-                self.physics.recorder = None;
-                self.notices.push(
-                    "the recording has ended: the simulation went back to a state from before the recording, which a replay cannot do"
-                        .into(),
-                );
+                if let Some(mut recorder) = self.physics.recorder.take() {
+                    recorder.end(EarlyEnd::WentBack);
+                }
             }
         }
     }

@@ -53,6 +53,11 @@ impl Sources {
         self.0.extend_from_slice(&others.0);
     }
 
+    /// The files, also those that were looked for and are not there.
+    pub fn paths(&self) -> impl Iterator<Item = &Path> {
+        self.0.iter().map(|(path, _)| path.as_path())
+    }
+
     /// Whether no file was changed, added or removed since: what would be read now is what was read. Costs a system
     /// call a file.
     pub fn are_current(&self) -> bool {

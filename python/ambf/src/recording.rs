@@ -45,6 +45,12 @@ impl Replay {
         (program, processor, replay.updates(), replay.mean_interval(), replay.end_time())
     }
 
+    /// How it ended, and a sentence where it is not whole.
+    fn ended(&self) -> (String, Option<String>) {
+        let replay = self.replay.lock();
+        (replay.ended().to_owned(), replay.problem().map(str::to_owned))
+    }
+
     /// World file, model files, and all files with their SHA-256.
     #[allow(clippy::type_complexity, reason = "of Python")]
     fn files(&self) -> (Option<PathBuf>, Vec<PathBuf>, Vec<(PathBuf, String)>) {

@@ -320,6 +320,8 @@ entries! {
         sim_time: f64,
         /// Of that what was never integrated, s.
         lost_time: f64,
+        /// Number of the latest attachment of a plugin: they go on over resets.
+        attachments: u64,
     }
     /// A volume was cut.
     41 Carve {
@@ -423,6 +425,7 @@ mod tests {
         round_trip(&Entry::MoveCamera { camera: 1, gesture: CameraGesture::Shift(Vector3::x()) });
         round_trip(&Entry::Note { text: "stage: knot".into() });
         round_trip(&Entry::Again {});
+        round_trip(&Entry::Start { iteration: 7, sim_time: 0.5, lost_time: 0.25, attachments: 3 });
     }
 
     #[test]

@@ -14,7 +14,7 @@ mod replay;
 
 pub use codec::CodeError;
 pub use entry::Entry;
-pub use recorder::{recorder, Recorder, Tap, Unpacker, HASH_INTERVAL};
+pub use recorder::{recorder, EarlyEnd, Recorder, Tap, Unpacker, HASH_INTERVAL};
 pub use replay::{ReplayError, Replayed, Replayer};
 
 use std::path::Path;
@@ -35,8 +35,9 @@ pub enum StartError {
     /// Error when the simulation has moved or was commanded since its start or last reset.
     #[error("a recording begins at the start or directly after a reset of the world, before anything is commanded")]
     Moved,
-    /// Error when something was changed that a reset keeps: models, bodies, parameters, gravity.
-    #[error("models, bodies or parameters were changed since the start, which a reset does not undo: begin the recording before that")]
+    /// Error when something was changed that a reset keeps: models, bodies, parameters, gravity, gains of input devices, what
+    /// plugins did while they began.
+    #[error("models, bodies, parameters or gains of input devices were changed since the start, or plugins began, which a reset does not undo: begin the recording before that")]
     Changed,
     /// Error when it is recorded already.
     #[error("the simulation is recorded already")]
@@ -64,7 +65,10 @@ impl SinceStart {
             | Entry::Parameters { .. }
             | Entry::Camera { .. }
             | Entry::Light { .. }
-            | Entry::Gravity { .. } => self.changed = true,
+            | Entry::Gravity { .. }
+            | Entry::Gain { .. }
+            // What plugins do while they begin is done again in a reset.
+            | Entry::Plugin { begins: true, .. } => self.changed = true,
             Entry::Again {}
             | Entry::LoseTime { .. }
             | Entry::Hash { .. }
@@ -74,6 +78,11 @@ impl SinceStart {
             | Entry::Note { .. } => (),
             _ => self.moved = true,
         }
+    }
+
+    /// A state was restored: the start is known by its resets alone.
+    pub fn note_restored(&mut self) {
+        self.moved = true;
     }
 }
 
@@ -101,6 +110,7 @@ impl Simulation {
             iteration: start.iteration,
             sim_time: start.sim_time,
             lost_time: start.lost_time,
+            attachments: self.plugin_state.next_attachment,
         });
         self.note_devices(&mut recorder);
         if since.updates > 0 {

@@ -1,11 +1,12 @@
 //! From the physics thread to the thread that writes: a queue of bytes on which neither waits for the other.
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use rtrb::{Consumer, Producer, RingBuffer};
+use thiserror::Error;
 
 use super::codec::CodeError;
 use super::entry::{Entry, KINDS};
@@ -28,11 +29,28 @@ const WAIT: Duration = Duration::from_millis(1);
 /// How many updates lie between two hashes of the state.
 pub const HASH_INTERVAL: u64 = 1000;
 
+/// Why a recording has ended before it was told to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum EarlyEnd {
+    /// More entries waited than there is room for.
+    #[error("the disk was too slow: more waited to be written than there is room for")]
+    Slow,
+    /// One entry is longer than the queue.
+    #[error(
+        "what was done at once takes more than {} bytes, such as a cut of very many voxels: do it in parts",
+        CAPACITY
+    )]
+    TooLarge,
+    /// The simulation went back to a state that it had before the recording began.
+    #[error("the simulation went back to a state from before the recording, which a replay cannot do")]
+    WentBack,
+}
+
 /// The physics thread's end: it takes no lock, makes no system call and, once it knows the scene, allocates nothing
 /// for commands of usual size.
 pub struct Recorder {
     queue: Producer<u8>,
-    overflowed: Arc<AtomicBool>,
+    early_end: Arc<OnceLock<EarlyEnd>>,
     /// Tells recordings of this process apart.
     id: u64,
     count: u64,
@@ -42,13 +60,12 @@ pub struct Recorder {
     last: [Vec<Vec<u8>>; KINDS],
     hash: StateHash,
     waits: bool,
-    ended: bool,
 }
 
 /// The writer's end.
 pub struct Tap {
     queue: Consumer<u8>,
-    overflowed: Arc<AtomicBool>,
+    early_end: Arc<OnceLock<EarlyEnd>>,
     bytes: Vec<u8>,
 }
 
@@ -57,19 +74,18 @@ pub struct Tap {
 pub fn recorder(waits: bool) -> (Recorder, Tap) {
     static NEXT: AtomicU64 = AtomicU64::new(1);
     let (producer, consumer) = RingBuffer::new(CAPACITY);
-    let overflowed = Arc::new(AtomicBool::new(false));
+    let early_end = Arc::new(OnceLock::new());
     let recorder = Recorder {
         queue: producer,
-        overflowed: Arc::clone(&overflowed),
+        early_end: Arc::clone(&early_end),
         id: NEXT.fetch_add(1, Ordering::Relaxed),
         count: 0,
         bytes: Vec::with_capacity(4096),
         last: Default::default(),
         hash: StateHash::default(),
         waits,
-        ended: false,
     };
-    (recorder, Tap { queue: consumer, overflowed, bytes: Vec::new() })
+    (recorder, Tap { queue: consumer, early_end, bytes: Vec::new() })
 }
 
 impl Recorder {
@@ -100,9 +116,18 @@ impl Recorder {
         }
     }
 
-    /// Adds an entry; nothing after the queue has overflowed.
+    /// Ends the recording before it was told to; the first reason stays.
+    pub(in crate::sim) fn end(&mut self, why: EarlyEnd) {
+        let _ = self.early_end.set(why);
+    }
+
+    fn has_ended(&self) -> bool {
+        self.early_end.get().is_some()
+    }
+
+    /// Adds an entry; nothing after the recording has ended.
     pub(in crate::sim) fn note(&mut self, entry: &Entry<'_>) {
-        if self.ended {
+        if self.has_ended() {
             return;
         }
         self.bytes.clear();
@@ -125,12 +150,13 @@ impl Recorder {
         let length = (self.bytes.len() - LENGTH) as u32;
         self.bytes[..LENGTH].copy_from_slice(&length.to_le_bytes());
         self.count += 1;
+        if self.bytes.len() > CAPACITY {
+            return self.end(EarlyEnd::TooLarge);
+        }
         while self.queue.push_entire_slice(&self.bytes).is_err() {
             // What nobody takes any more is no loss.
-            if self.queue.is_abandoned() || !self.waits || self.bytes.len() > CAPACITY {
-                self.overflowed.store(true, Ordering::Release);
-                self.ended = true;
-                return;
+            if self.queue.is_abandoned() || !self.waits {
+                return self.end(EarlyEnd::Slow);
             }
             std::thread::sleep(WAIT);
         }
@@ -138,7 +164,7 @@ impl Recorder {
 
     /// Adds the hash of the present state.
     pub(in crate::sim) fn note_hash(&mut self, scene: &Scene, iteration: u64, sim_time: f64) {
-        if !self.ended {
+        if !self.has_ended() {
             let hash = self.hash.of(scene);
             self.note(&Entry::Hash { iteration, sim_time, hash });
         }
@@ -164,9 +190,9 @@ impl Tap {
         }
     }
 
-    /// Whether entries were lost because they were not taken in time. Nothing is recorded after that.
-    pub fn has_overflowed(&self) -> bool {
-        self.overflowed.load(Ordering::Acquire)
+    /// Why the recording has ended by itself, if it has. What waits then is the last.
+    pub fn early_end(&self) -> Option<EarlyEnd> {
+        self.early_end.get().copied()
     }
 
     /// Whether the simulation records no more, so that what waits now is the last.
@@ -229,22 +255,34 @@ mod tests {
         assert!(lengths[2] < 10 && lengths[5] < 10 && lengths[4] > 48, "{lengths:?}");
         assert!(!tap.is_last());
         drop(recorder);
-        assert!(tap.is_last() && !tap.has_overflowed());
+        assert!(tap.is_last() && tap.early_end().is_none());
     }
 
     #[test]
     fn a_full_queue_ends_the_recording_and_what_is_in_it_is_whole() {
         let (mut recorder, mut tap) = recorder(false);
         let mut sent = 0;
-        while !tap.has_overflowed() {
+        while tap.early_end().is_none() {
             recorder.note(&push(0, f64::from(sent)));
             sent += 1;
         }
         let mut received = Vec::new();
         tap.drain(|bytes| received.push(Entry::read(bytes).expect("whole")));
         assert_eq!(received.len() as i32, sent - 1);
+        assert_eq!(tap.early_end(), Some(EarlyEnd::Slow));
         recorder.note(&push(0, 0.0));
         tap.drain(|_| panic!("nothing is recorded any more"));
+    }
+
+    #[test]
+    fn an_entry_that_never_fits_ends_the_recording_for_that_reason() {
+        let (mut recorder, mut tap) = recorder(true);
+        recorder.note(&push(0, 1.0));
+        recorder.note(&Entry::Note { text: "x".repeat(CAPACITY) });
+        assert_eq!(tap.early_end(), Some(EarlyEnd::TooLarge));
+        let mut received = 0;
+        tap.drain(|_| received += 1);
+        assert_eq!(received, 1);
     }
 
     #[test]
@@ -255,7 +293,7 @@ mod tests {
         let mut received = 0;
         while !(tap.is_last() && received == count) {
             tap.drain(|_| received += 1);
-            assert!(!tap.has_overflowed());
+            assert_eq!(tap.early_end(), None);
         }
         sender.join().expect("it sends all");
     }

@@ -15,7 +15,7 @@ use crate::comm::RigidBodyCommand;
 use crate::device::host::{quantity, CameraSum, Controls, Hand, StandIn};
 use crate::device::law::{GainChange, Switches};
 use crate::ids::{ActuatorId, BodyId, CameraId, JointId, LightId, SoftBodyId, VehicleId, VolumeId};
-use crate::plugin::ObjectId;
+use crate::plugin::{CommandError, ObjectId};
 use crate::scene::{ParameterChange, PreparedModel, StateChange};
 use crate::sim::physics::Time;
 use crate::sim::{LostState, SavedState, Simulation};
@@ -60,6 +60,14 @@ pub enum ReplayError {
     /// Error when an entry holds numbers that cannot have been recorded.
     #[error("the recording holds {0} that is not finite or out of range: it is corrupt")]
     Number(&'static str),
+    /// Error when a plugin's command fails: recorded are those that were executed.
+    #[error("a plugin's command fails that was executed when it was recorded: {command}: {error}")]
+    Plugin {
+        /// What was commanded.
+        command: String,
+        /// Why it fails.
+        error: CommandError,
+    },
     /// Error when a file that was used while it was recorded is of no use.
     #[error("{0}")]
     File(String),
@@ -144,7 +152,8 @@ impl Replayer {
     fn execute(&mut self, simulation: &mut Simulation, entry: &Entry<'_>) -> Result<Replayed, ReplayError> {
         let check = Check(simulation);
         match entry {
-            Entry::Start { iteration, sim_time, lost_time } => {
+            Entry::Start { iteration, sim_time, lost_time, attachments } => {
+                simulation.plugin_state.next_attachment = *attachments;
                 finite("a time", [*sim_time, *lost_time])?;
                 let (iteration, sim_time, lost_time) = (*iteration, *sim_time, *lost_time);
                 simulation.physics.time = Time { iteration, sim_time, lost_time, ..Time::default() };
@@ -216,7 +225,10 @@ impl Replayer {
                 simulation.physics.note(entry);
                 let _ = simulation.physics.scene.set_light_parameters(LightId::new(*light), parameters);
             }
-            Entry::Plugin { plugin, begins, command } => simulation.act_as_plugin(*plugin, *begins, command),
+            Entry::Plugin { plugin, begins, command } => {
+                let done = simulation.act_as_plugin(*plugin, *begins, command);
+                done.map_err(|error| ReplayError::Plugin { command: command.to_string(), error })?;
+            }
             Entry::PluginGone { plugin } => simulation.release_plugin(*plugin),
             Entry::ResetBodies {} => simulation.reset_bodies(),
             Entry::ResetWorld {} => simulation.reset_world(),

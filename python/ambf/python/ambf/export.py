@@ -251,6 +251,8 @@ class Episode:
     """(frames) the newest note that begins with `instruction:` or `stage:`; empty before the first."""
     videos: Dict[str, Path]
     picture_stats: Dict[str, Dict[str, List[Any]]]
+    problem: Optional[str] = None
+    """A sentence if the recording is not whole."""
 
     @property
     def length(self) -> int:
@@ -343,6 +345,7 @@ def sample(file: str, mapping: MappingOf, videos: Path, codec: str, *, changed_f
         features={name: np.array(values, dtype=np.float64).reshape(len(times), -1) for name, values in rows.items()},
         instructions=instructions,
         videos=paths,
+        problem=recording.problem,
         picture_stats={name: _picture_stats(numbers) for name, numbers in sums.items()},
     )
 
@@ -753,6 +756,8 @@ def export(
             videos = unfinished / ".videos" / f"{index:06d}"
             episodes.append(sample(file, mapping, videos, codec, changed_files=changed_files))
             tell(f"{file}: {episodes[-1].length} frames")
+            if episodes[-1].problem is not None:
+                tell(f"warning: {episodes[-1].problem}")
         names = _names(files[0], mapping, changed_files)
         for episode in episodes:
             for name, values in episode.features.items():

@@ -38,6 +38,9 @@ class Recording:
         self._open()
         self.program, self.processor, self.updates, self.interval, self.end = self._replay.about()
         """Program and processor that recorded; number of updates, their mean interval, s, and simulated time at the end, s."""
+        self.ended, self.problem = self._replay.ended()
+        """How the recording ended: `stopped`, as it was to; `overflow`, `too large`, `went back`, `cut off` or `damaged`, before that. A
+        sentence where it is not whole, else None; it is replayed as far as it goes."""
         self.world, self.models, self.files = self._replay.files()
         """World file, model files, and all files with the SHA-256 of what was in them."""
         self.notes: List[Tuple[float, str]] = self._replay.notes()
