@@ -137,7 +137,7 @@ mod tests {
         let board = Board::default();
         let slot = Arc::new(SnapshotSlot::empty());
         let arms = vec![("/PSM1".to_owned(), 100.0), ("/PSM2".to_owned(), 100.0)];
-        let shown = Arc::new(Shown { arms, status: Arc::clone(&slot) });
+        let shown = Arc::new(Shown { arms, status: Arc::clone(&slot), ends: Vec::new(), seeds: None });
         board.add(&shown);
         assert!(board.statuses().iter().all(|status| status.message.contains("no step")));
         let arm = Arm::new(Arc::new(psm(Dialect::Contract)));
