@@ -564,8 +564,9 @@ class Simulation(Arrays):
         """Records all that changes the motion from now on, so that another process can make the same motion again, bit for bit:
         `Recording`. To be called before the first `step`, or directly after `reset`, before anything is commanded or changed.
 
-        A thread writes; a disk that is too slow or full ends the recording, which `notices` and `stop_recording` say, and not the
-        simulation. A file that is there is not overwritten. Raises RecordingError, and there is no file then.
+        A thread writes; a disk that is too slow or full, or a state from before that is restored, ends the recording, which `notices`
+        and `stop_recording` say, and not the simulation. A file that is there is not overwritten. Raises RecordingError, and there is no
+        file then.
         """
         self._world.record(os.fspath(path))
 
