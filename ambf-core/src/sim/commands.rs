@@ -20,9 +20,7 @@ use crate::comm::{
 };
 use crate::ids::{ActuatorId, BodyId, CameraId, LightId, SoftBodyId, Table, VehicleId, VolumeId};
 use crate::plugin::ObjectId;
-use crate::scene::{
-    Commands, ParameterChange, ParameterError, Scene, SetStateError, StateChange, VolumeError,
-};
+use crate::scene::{Commands, ParameterChange, ParameterError, Scene, SetStateError, StateChange, VolumeError};
 
 /// The physics thread's end of the hub.
 pub(super) struct Link {
