@@ -35,7 +35,7 @@ pub enum Shape {
         /// Half of its edges, positive.
         half_edges: Vector3<f64>,
     },
-    /// These voxels, wherever the shape is.
+    /// These voxels, wherever the shape is; with [`Rule::All`] only.
     Voxels(
         /// (voxels x 3) indices.
         Vec<[i64; 3]>,
@@ -96,6 +96,9 @@ pub enum CarveError {
         /// m.
         most: f64,
     },
+    /// Error when voxels that are named are to be removed in part.
+    #[error("voxels that are named are all removed: their rule has to be `all`")]
+    Rule,
     /// Error when a stroke would take too long: the physics waits for it.
     #[error("the stroke needs up to {tests} tests of voxels ({voxels} voxels around it at {poses} poses), at most {MOST_TESTS} are possible: \
              divide it into shorter strokes, or make the shape smaller")]
@@ -315,6 +318,9 @@ impl Carver {
             return Err(CarveError::Pose);
         }
         if let Shape::Voxels(voxels) = shape {
+            if rule != Rule::All {
+                return Err(CarveError::Rule);
+            }
             let there = voxels.iter().filter_map(|voxel| {
                 let size = grid.size();
                 let inside = (0..3).all(|axis| (0..size[axis] as i64).contains(&voxel[axis]));
@@ -479,8 +485,10 @@ mod tests {
         carver.carve_shared(&mut grid, &ball, &stroke(0.0), Rule::All).unwrap();
         assert_eq!((grid.count_solid(), shown.count_solid()), (0, 64 * 64 * 64));
         assert!(carver.candidates.capacity() <= KEPT && carver.order.capacity() <= KEPT);
+        let named = Shape::Voxels(vec![[0; 3]]);
+        assert_eq!(carver.carve_shared(&mut grid, &named, &stroke(0.0), Rule::Count(1)), Err(CarveError::Rule));
         let now = Arc::clone(&grid);
-        carver.carve_shared(&mut grid, &Shape::Voxels(vec![[0; 3]]), &stroke(0.0), Rule::All).unwrap();
+        carver.carve_shared(&mut grid, &named, &stroke(0.0), Rule::All).unwrap();
         assert!(Arc::ptr_eq(&grid, &now) && carver.carved.indices.capacity() <= KEPT);
     }
 }

@@ -338,3 +338,32 @@ fn project(planes: &[(Vector3<f64>, Point3<f64>)], goal: &Point3<f64>) -> Option
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Label, Voxel};
+
+    #[test]
+    fn a_ball_that_passes_close_to_a_surface_does_not_touch_it() {
+        let voxel = |[_, _, k]: [usize; 3]| if k < 8 { Voxel { density: 255, label: 1 } } else { Voxel::default() };
+        let edges = Vector3::new(0.064, 0.016, 0.016);
+        let grid = VoxelGrid::from_fn([64, 16, 16], edges, 0.5, vec![Label::of_color([255; 3])], voxel).unwrap();
+        let (law, mut proxy) = (Law::default(), Proxy::new(1e-3));
+        let mut start = Point3::new(-0.015, 0.0, 0.003);
+        let (distance, ..) = grid.interpolated_distance(&start, 0.01, None).unwrap();
+        start.z -= distance - proxy.radius - 1e-5;
+        proxy.update(&grid, Surface::Interpolated, &law, &start);
+        // Steps as long as the gap do not reach the goal in one search, nor in all of an update.
+        let goal = start + Vector3::x() * 0.03;
+        let mut updates = 0;
+        while proxy.position != Some(goal) {
+            let before = proxy.position.unwrap();
+            let at = proxy.update(&grid, Surface::Interpolated, &law, &goal);
+            assert_eq!((proxy.touched, proxy.force(&law, &goal, &Vector3::zeros())), (None, Vector3::zeros()));
+            assert!(at.x > before.x && (at.z - start.z).abs() < 1e-9, "{before} to {at}");
+            updates += 1;
+        }
+        assert!(updates > 1, "{updates}");
+    }
+}

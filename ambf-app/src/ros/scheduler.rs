@@ -53,13 +53,21 @@ pub(super) struct Entry {
     live: bool,
     /// Somebody listened when it was last due.
     wanted: bool,
+    /// Lets go of what waits to be told.
+    discard: Option<Box<dyn Fn() + Send>>,
 }
 
 impl Entry {
     /// An outlet of the object at position `object` at the lower of `rates`, and, if it is `commanded`, at the higher
     /// one while commands come for the object.
     pub fn new(outlet: Box<dyn Outlet>, rates: Rates, object: HubIndex, commanded: bool, now: Duration) -> Self {
-        Self { outlet, schedule: PublishSchedule::new(rates, now), object, commanded, live: false, wanted: false }
+        let schedule = PublishSchedule::new(rates, now);
+        Self { outlet, schedule, object, commanded, live: false, wanted: false, discard: None }
+    }
+
+    /// Calls `discard` whenever it is due and nobody listens.
+    pub fn discard_while_unwanted(&mut self, discard: impl Fn() + Send + 'static) {
+        self.discard = Some(Box::new(discard));
     }
 
     /// Follows the command stream; says so when it has stopped.
@@ -152,6 +160,8 @@ fn publish_due(hub: &Hub, entries: &mut [Entry], now: Duration, published: Publi
             entry.wanted = entry.outlet.is_wanted();
             if entry.wanted {
                 entry.outlet.publish(snapshot);
+            } else if let Some(discard) = &entry.discard {
+                discard();
             }
         }
         // Nobody is woken for topics that nobody listens to; a new listener is seen after the longest sleep.

@@ -126,9 +126,14 @@ pub fn shared(scene: &Scene, volume: usize) -> Result<std::sync::Arc<VoxelGrid>,
     found.voxels().cloned().ok_or_else(|| VolumeError::Empty(found.attached.identity.key()))
 }
 
-/// Writes voxels to files.
-pub fn write(grid: &VoxelGrid, path: &Path, prefix: &str) -> PyResult<()> {
-    save(grid, path, prefix).map_err(|problem| {
+/// Where a volume is, in the frame of its parent: what its file or its location says.
+pub fn location(scene: &Scene, volume: usize) -> Result<Isometry3<f64>, VolumeError> {
+    Ok(scene.volumes[id(scene, volume)?].attached.pose)
+}
+
+/// Writes voxels to files, with the pose of the volume.
+pub fn write(grid: &VoxelGrid, path: &Path, prefix: &str, pose: &Isometry3<f64>) -> PyResult<()> {
+    save(grid, path, prefix, pose).map_err(|problem| {
         let message = lines(&problem.to_string()).into_owned();
         pyo3::exceptions::PyOSError::new_err(message)
     })

@@ -919,7 +919,9 @@ impl World {
     /// Writes the voxels of the volume at an index to files.
     fn save_volume(&self, py: Python<'_>, volume: usize, path: PathBuf, prefix: &str) -> PyResult<()> {
         let grid = self.voxels_of(py, volume)?;
-        py.detach(|| volumes::write(&grid, &path, prefix))
+        let pose = self.with(py, |physics| volumes::location(physics.stepper.simulation().scene(), volume))?;
+        let pose = pose.map_err(|problem| volumes::error(&problem))?;
+        py.detach(|| volumes::write(&grid, &path, prefix, &pose))
     }
 
     /// Gives the volume at an index the voxels of the start back.

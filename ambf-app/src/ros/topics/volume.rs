@@ -33,29 +33,34 @@ const STALE: Duration = Duration::from_secs(2);
 /// Where volumes are, Hz: what the C++ plugin says once to all who come.
 const INFO: Rates = Rates { min: 1, max: 1 };
 
-/// Cuts of one volume in one message; others, and what would be too much, are left for the next one.
+/// Cuts of one volume in one message; others, and what would be too much, are left for the next one: a cut, and how many
+/// of its voxels were told.
 fn voxels(
     cuts: impl Iterator<Item = Arc<Cut>>,
-    left: &mut Option<Arc<Cut>>,
+    left: &mut Option<(Arc<Cut>, usize)>,
     visuals: &VisualScene,
 ) -> Option<volumetric_drilling_msgs::Voxels> {
     let mut message = volumetric_drilling_msgs::Voxels::default();
     let mut of = None;
-    for cut in left.take().into_iter().chain(cuts) {
-        let is_full = message.indices.len() + cut.carved.indices.len() > MOST;
-        if of.is_some_and(|volume| volume != cut.volume || is_full) {
-            *left = Some(cut);
+    for (cut, told) in left.take().into_iter().chain(cuts.map(|cut| (cut, 0))) {
+        let room = MOST - message.indices.len();
+        if of.is_some_and(|volume| volume != cut.volume) || room == 0 {
+            *left = Some((cut, told));
             break;
         }
         of = Some(cut.volume);
         message.header.stamp = time(cut.stamp);
         let index = |&[x, y, z]: &[u32; 3]| volumetric_drilling_msgs::Index { x: x.into(), y: y.into(), z: z.into() };
-        message.indices.extend(cut.carved.indices.iter().map(index));
+        message.indices.extend(cut.carved.indices.iter().skip(told).take(room).map(index));
         let color = |color: &[u8; 4]| {
             let [r, g, b, a] = color.map(|level| f32::from(level) / 255.0);
             std_msgs::ColorRGBA { r, g, b, a }
         };
-        message.colors.extend(cut.carved.colors.iter().map(color));
+        message.colors.extend(cut.carved.colors.iter().skip(told).take(room).map(color));
+        if cut.carved.indices.len() - told > room {
+            *left = Some((cut, told + room));
+            break;
+        }
     }
     if let Some(volume) = visuals.volumes.get(of?) {
         volume.object.identifier.to_string().clone_into(&mut message.header.frame_id);
@@ -97,12 +102,16 @@ fn named(visuals: &VisualScene, name: &str) -> Result<VolumeId, String> {
     }
 }
 
-fn isometry(pose: &geometry_msgs::Pose) -> Isometry3<f64> {
-    let [x, y, z, w] = from_quaternion(&pose.orientation);
-    let turn = Quaternion::new(w, x, y, z);
+/// A pose; `what` names it in errors.
+fn isometry(pose: &geometry_msgs::Pose, what: &str) -> Result<Isometry3<f64>, String> {
+    let turn = from_quaternion(&pose.orientation);
+    if !turn.iter().all(|part| part.is_finite()) {
+        return Err(format!("the orientation of `{what}` is not finite"));
+    }
+    let [x, y, z, w] = turn;
     // As in other commands, zeros are no turn.
-    let turn = UnitQuaternion::try_new(turn, 1e-9).unwrap_or_default();
-    Isometry3::from_parts(from_point(&pose.position).into(), turn)
+    let turn = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-9).unwrap_or_default();
+    Ok(Isometry3::from_parts(from_point(&pose.position).into(), turn))
 }
 
 /// The cut that a message asks for, and of what.
@@ -115,7 +124,13 @@ fn command(visuals: &VisualScene, message: &ambf_msgs::VolumeCmd) -> Result<(Vol
         ("sphere", &[radius]) => Shape::Sphere { radius },
         ("capsule", &[radius, length]) => Shape::Capsule { radius, half_length: 0.5 * length },
         ("box", &[x, y, z]) => Shape::Box { half_edges: 0.5 * Vector3::new(x, y, z) },
-        ("voxels", []) => Shape::Voxels(message.voxels.as_chunks::<3>().0.to_vec()),
+        ("voxels", []) => match message.voxels.as_chunks::<3>() {
+            (voxels, []) => Shape::Voxels(voxels.to_vec()),
+            _ => {
+                let count = message.voxels.len();
+                return Err(format!("`voxels` has {count} numbers; three indices are expected for each voxel"));
+            }
+        },
         (shape, size) => {
             let (shape, count) = (shape.escape_debug(), size.len());
             return Err(format!("shape `{shape}` with {count} sizes: sphere has 1, capsule 2, box 3, voxels none"));
@@ -132,7 +147,7 @@ fn command(visuals: &VisualScene, message: &ambf_msgs::VolumeCmd) -> Result<(Vol
         "volume" => false,
         frame => return Err(format!("frame `{}`: world or volume", frame.escape_debug())),
     };
-    let (from, to) = (isometry(&message.start), isometry(&message.end));
+    let (from, to) = (isometry(&message.start, "start")?, isometry(&message.end, "end")?);
     let command = CarveCommand { shape, from, to, in_world, rule };
     Ok((named(visuals, &message.volume)?, VolumeCommand::Carve(command)))
 }
@@ -163,9 +178,10 @@ impl Builder<'_> {
         let namespace = name.rsplit_once('/').map_or("", |(namespace, _)| namespace);
         let topic = |end: &str| format!("{namespace}/{PREFIX}/{end}");
         let (cuts, mut left, of) = (hub.follow_cuts(), None, Arc::clone(hub));
+        let unread = cuts.clone();
         let mut asked = Instant::now();
         let removed = move |_: Option<&Snapshot>| {
-            // Without subscribers nobody asks, and cuts of long ago are no news to those who come.
+            // Without subscribers nobody asks, and the rest of a cut of long ago is no news to those who come.
             if std::mem::replace(&mut asked, Instant::now()).elapsed() > STALE {
                 cuts.try_iter().for_each(drop);
                 left = None;
@@ -180,7 +196,12 @@ impl Builder<'_> {
         let mut post_carving = post(Arc::clone(hub), carve.clone());
         let restore = format!("{name}/Command/Reset/Volumes");
         let mut post_restoring = post(Arc::clone(hub), restore.clone());
+        let before = self.served.entries.len();
         self.publish(topic("voxels_removed"), CUTS, false, removed);
+        for entry in &mut self.served.entries[before..] {
+            let unread = unread.clone();
+            entry.discard_while_unwanted(move || unread.try_iter().for_each(drop));
+        }
         self.publish(topic("volume_info"), INFO, false, info);
         self.subscribe(remove, move |index: volumetric_drilling_msgs::Index| {
             post_removal(&|visuals| {
@@ -282,8 +303,42 @@ mod tests {
             message.rule = rule.into();
             command(&visuals, &message).unwrap_err();
         }
+        // Numbers that would be lost are an error.
+        let mut message =
+            ambf_msgs::VolumeCmd { shape: "voxels".into(), voxels: vec![1, 2, 3, 4], ..Default::default() };
+        assert!(command(&visuals, &message).unwrap_err().contains("has 4 numbers"));
+        message.voxels.truncate(3);
+        command(&visuals, &message).unwrap();
+        message.end.orientation.w = f64::NAN;
+        assert!(command(&visuals, &message).unwrap_err().contains("orientation of `end`"));
         message = ambf_msgs::VolumeCmd { volume: "brain".into(), shape: "voxels".into(), ..Default::default() };
         assert!(command(&visuals, &message).unwrap_err().contains("no volume has `brain`"));
+    }
+
+    #[test]
+    fn a_large_cut_is_told_in_parts() {
+        let mut simulation = simulation();
+        let hub = simulation.connect();
+        hub.set_listening();
+        let visuals = hub.visuals().unwrap();
+        let count = 2 * MOST + 5;
+        let carved = ambf_core::volume::Carved {
+            indices: (0..count as u32).map(|x| [x, 0, 0]).collect(),
+            colors: vec![[0; 4]; count],
+            labels: vec![1; count],
+            volume: 1.0,
+        };
+        let volume = VolumeId::new(0);
+        let cut =
+            Arc::new(Cut { volume, stamp: std::time::SystemTime::UNIX_EPOCH, sim_time: 0.0, sim_step: 0, carved });
+        let (mut left, mut told) = (None, Vec::new());
+        let mut cuts = vec![Arc::clone(&cut), cut].into_iter();
+        while let Some(message) = voxels(&mut cuts, &mut left, &visuals) {
+            assert!(message.indices.len() <= MOST && message.indices.len() == message.colors.len());
+            told.extend(message.indices.iter().map(|index| index.x));
+        }
+        let expected: Vec<i64> = (0..count as i64).chain(0..count as i64).collect();
+        assert!(told == expected && left.is_none());
     }
 
     #[test]

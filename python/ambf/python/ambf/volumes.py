@@ -98,7 +98,8 @@ class Volume:
         Both are places (3) or poses (7), m, in the frame "world" or "volume". The shape is a ball of `radius`; with `length`, a
         capsule along its x axis whose cylinder is so long; with `edges` (3), a box; or `voxels` are (voxels x 3) indices. All that
         is covered goes, unless `rate` (m³/s) and `interval` (s) or `count` say how much: the nearest to the way then, and voxels of
-        a hardness above 1 cost more of the rate. Raises ValueError; nothing is cut then.
+        a hardness above 1 cost more of the rate. `voxels` go as a whole. Raises ValueError, also for a stroke that would take
+        too long: divide it. Nothing is cut then.
         """
         poses = _pose("start", start), _pose("end", start if end is None else end)
         if frame not in ("world", "volume"):
