@@ -399,7 +399,7 @@ fn unique(names: &HashMap<String, usize>, written: &HashSet<&str>, element: &Ele
 }
 
 /// A name, made longer until it is not taken.
-fn free(mut name: String, is_taken: impl Fn(&str) -> bool) -> String {
+pub(super) fn free(mut name: String, is_taken: impl Fn(&str) -> bool) -> String {
     while is_taken(&name) {
         name.push('_');
     }

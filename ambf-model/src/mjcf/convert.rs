@@ -1,11 +1,11 @@
 //! The tree of bodies → the description that ADF files have.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::actuator::{motor_impulse, Drives};
-use super::body::{Bodies, Body};
+use super::body::{free, Bodies, Body};
 use super::geom::Geom;
 use super::joint::{Joint, Kind};
 use super::relation::Couplings;
@@ -49,9 +49,24 @@ pub(super) fn joint_identifier(name: &str) -> String {
     format!("JOINT {name}")
 }
 
+/// Names of bodies, or of joints, each once.
+#[derive(Default)]
+pub(super) struct Names(HashSet<String>);
+
+impl Names {
+    /// The wanted name, made longer until nothing has it.
+    pub fn give(&mut self, wanted: String) -> String {
+        let name = free(wanted, |name| self.0.contains(name));
+        self.0.insert(name.clone());
+        name
+    }
+}
+
 /// Bodies and joints of a tree.
 #[derive(Default)]
 pub(super) struct Converted {
+    pub body_names: Names,
+    pub joint_names: Names,
     pub bodies: Vec<RigidBody>,
     /// The world is one of them.
     pub has_world: bool,
@@ -69,7 +84,12 @@ struct Load {
 
 pub(super) fn convert(bodies: &Bodies<'_>, context: &Context<'_>, drives: &Drives, couplings: &Couplings) -> Converted {
     let all = &bodies.all;
-    let mut converted = Converted::default();
+    // What is made below is named after what the file has.
+    let mut converted = Converted {
+        body_names: Names(bodies.by_name.keys().cloned().collect()),
+        joint_names: Names(bodies.joints.keys().cloned().collect()),
+        ..Converted::default()
+    };
     let share = if context.has_loops { MASSLESS_IN_LOOPS } else { MASSLESS };
     let loads = loads(all, share);
     let clusters = clusters(all);
@@ -93,8 +113,8 @@ pub(super) fn convert(bodies: &Bodies<'_>, context: &Context<'_>, drives: &Drive
         let planes = body.geoms.iter().filter(|geom| geom.is_plane());
         for (number, plane) in planes.enumerate() {
             // A body may be called as the geom is.
-            let own = plane.name.clone().filter(|name| !bodies.by_name.contains_key(name));
-            let name = own.unwrap_or_else(|| format!("{}_plane{number}", body.name));
+            let own = plane.name.clone().filter(|name| !converted.body_names.0.contains(name));
+            let name = converted.body_names.give(own.unwrap_or_else(|| format!("{}_plane{number}", body.name)));
             converted.bodies.extend(plane_body(body, plane, &name, context, &filter));
         }
         let has_rest = body.geoms.iter().any(|geom| !geom.is_plane());
@@ -332,7 +352,7 @@ fn join(
     let mut outer = (body_identifier(&parent.name), body.in_parent);
     let last = body.joints.len().saturating_sub(1);
     if body.joints.is_empty() {
-        let name = format!("{}_fixed", body.name);
+        let name = converted.joint_names.give(format!("{}_fixed", body.name));
         let mut joint = adf_joint(&name, body.element.source(), JointKind::Fixed, context);
         place(&mut joint, outer, body_identifier(&body.name), None);
         converted.joints.push(joint);
@@ -343,7 +363,7 @@ fn join(
         let child = match number == last {
             true => body_identifier(&body.name),
             false => {
-                let name = format!("{}_{}", body.name, joint.name);
+                let name = converted.body_names.give(format!("{}_{}", body.name, joint.name));
                 let mut between = still(&name, body, context);
                 between.common.passive = true;
                 between.location = body.in_world;
@@ -378,7 +398,8 @@ fn join(
             }
             None => (),
         }
-        let spring = (joint.stiffness > 0.0 && context.options.has_springs).then(|| spring(&made, joint));
+        let spring = (joint.stiffness > 0.0 && context.options.has_springs)
+            .then(|| spring(&made, joint, &converted.joint_names.give(format!("{}_spring", joint.name))));
         converted.joints.push(made);
         converted.joints.extend(spring);
         outer = (child, Isometry3::identity());
@@ -386,10 +407,10 @@ fn join(
 }
 
 /// A spring beside a joint.
-fn spring(joint: &AdfJoint, of: &Joint<'_>) -> AdfJoint {
+fn spring(joint: &AdfJoint, of: &Joint<'_>, name: &str) -> AdfJoint {
     let mut spring = joint.clone();
-    spring.common.identifier = joint_identifier(&format!("{}_spring", of.name));
-    spring.common.name = format!("{}_spring", joint.common.name);
+    spring.common.identifier = joint_identifier(name);
+    spring.common.name = name.split_whitespace().collect();
     spring.common.passive = true;
     spring.kind = if of.kind == Kind::Slide { JointKind::LinearSpring } else { JointKind::TorsionSpring };
     // The lower end above the upper one: unlimited.

@@ -355,7 +355,9 @@ fn ends<'a>(element: &Element<'a>, bodies: &Bodies<'a>, is_weld: bool) -> Option
 /// Adds the joints that close loops.
 fn close(loops: &[Loop<'_>], bodies: &Bodies<'_>, context: &Context<'_>, converted: &mut convert::Converted) {
     for (number, Loop { element, kind, ends }) in loops.iter().enumerate() {
+        // An equality may be called as a joint is.
         let name = element.attribute("name").map_or_else(|| format!("equality{number}"), str::to_owned);
+        let name = converted.joint_names.give(name);
         let [(first, in_first), (second, in_second)] = ends;
         if [*first, *second].contains(&0) && !converted.has_world {
             converted.has_world = true;

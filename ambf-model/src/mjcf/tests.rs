@@ -426,6 +426,32 @@ fn generated_names_leave_those_that_the_file_gives() {
     ));
     assert_eq!((joint(&model, "a_joint0").child.as_str(), model.joints.len()), ("BODY b", 2));
     assert_eq!(joint(&model, "a_joint0_").child, "BODY a");
+    // What is made beside bodies and joints: bodies between joints, fixed joints, springs, planes and loops.
+    let model = clean(
+        "<mujoco><worldbody><geom name='a_x' type='plane'/>
+           <body name='a'><joint name='x' stiffness='1'/><joint name='y' axis='0 1 0'/><geom size='1'/>
+             <body name='a_x'><joint name='x_spring'/><geom size='1'/></body>
+             <body name='f'><geom size='1'/><body name='g'><joint name='f_fixed'/><geom size='1'/></body></body></body>
+         </worldbody><equality><connect name='x' body1='g' body2='a_x' anchor='0 0 1'/></equality></mujoco>",
+    );
+    let mut all: Vec<_> = model.bodies.iter().map(|body| &body.common.identifier).collect();
+    all.extend(model.joints.iter().map(|joint| &joint.common.identifier));
+    let count = all.len();
+    all.sort();
+    all.dedup();
+    assert_eq!((all.len(), count), (14, 14), "{all:?}");
+    assert_eq!(
+        (joint(&model, "x").child.as_str(), joint(&model, "x_spring").child.as_str()),
+        ("BODY a_x_", "BODY a_x")
+    );
+    assert_eq!(
+        (joint(&model, "f_fixed").child.as_str(), joint(&model, "f_fixed_").child.as_str()),
+        ("BODY g", "BODY f")
+    );
+    assert_eq!(
+        (joint(&model, "x_spring_").stiffness, joint(&model, "x_").kind.clone()),
+        (1.0, JointKind::PointToPoint)
+    );
 }
 
 #[test]
