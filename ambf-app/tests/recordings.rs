@@ -92,13 +92,13 @@ fn a_run_that_does_not_begin_leaves_no_recording() {
 #[test]
 fn a_full_disk_ends_the_recording_and_not_the_run() {
     let folder = folder();
-    // Files may have 256 kB, as on a disk on which there is no more room. Wrenches that differ cannot be made much smaller.
+    // Files may have 64 kB at most, as on a disk on which there is no more room. Wrenches that differ cannot be made much smaller.
     let lines = (0..6000).map(|step: u32| {
         let x = f64::from(step).sin();
         format!("{step}|{step}|WR|Free|{x} {} {} 0 0 0\n", x.cos(), x.tan().atan())
     });
     folder.write("c.txt", &lines.collect::<String>());
-    let limit = "trap '' XFSZ; ulimit -f 256; exec \"$0\" \"$@\"";
+    let limit = "trap '' XFSZ; ulimit -f 64; exec \"$0\" \"$@\"";
     let ran = folder.run_in_shell(limit, &format!("{} --steps 6000 --json --record a.mcap", scene()));
     refused(&ran, 2, "File too large");
     assert!(ran.stderr.contains("the simulation goes on"), "{ran:?}");

@@ -162,8 +162,9 @@ impl Source {
                         _ => (),
                     }
                 }
-                // An error at the end of the file: it was cut off there.
+                // It was cut off there: at the end of the file, or in a chunk whose size was not written yet.
                 Err(_) if self.at_end => self.done = true,
+                Err(mcap::McapError::UnexpectedEoc) => self.done = true,
                 Err(error) => {
                     self.done = true;
                     return Err(Problem::Mcap(error.to_string()));

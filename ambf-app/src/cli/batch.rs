@@ -106,6 +106,11 @@ impl BatchOptions {
                     let problem = "error: --commands needs --continue-at when something is replayed (try --help)";
                     Err(CliError::Usage(problem.into()))
                 }
+                // Clap forgives what is missing where something else excludes it.
+                _ if arguments.replay.is_none() && arguments.continue_at.is_some() => {
+                    let problem = "error: --continue-at needs --replay (try --help)";
+                    Err(CliError::Usage(problem.into()))
+                }
                 _ if arguments.replay.is_some() && arguments.describes_a_scene() => {
                     let problem = "error: --replay takes scene, physics and plugins from the recording: leave --world, --plugins and \
                                    the options of physics out (try --help)";
