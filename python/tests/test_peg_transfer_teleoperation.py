@@ -114,9 +114,7 @@ class Teleoperated(unittest.TestCase):
                 self.assertTrue(program.exists(), f"no {program}: run cargo build --workspace")
                 command = [program, *MASTERS, "--rate", "250", "--quiet", "--script", script]
                 with harness.Program(command, harness.environment(master.port)):
-                    harness.wait_for(
-                        lambda: scores[-1]["points"] == 1, "a point", seconds=seconds + harness.PATIENCE_S
-                    )
+                    harness.wait_for(lambda: scores[-1]["points"] == 1, "a point", seconds=seconds + harness.PATIENCE_S)
             for coupling in couplings:
                 coupling.close()
         self.assertEqual((scores[-1]["hand_offs"], scores[-1]["on_peg"]["block1"]), (1, "peg18_s"))
