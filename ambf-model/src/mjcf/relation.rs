@@ -189,7 +189,7 @@ fn without_cycles(mut found: BTreeMap<String, (Coupling, Element<'_>)>) -> Coupl
 impl<'a> Tendons<'a> {
     /// Tendons that move one joint, with all that follows it: which, and how far per coordinate of that joint.
     pub fn arms(&self, couplings: &Couplings) -> TendonArms<'a> {
-        let described: Vec<Coupled<'_>> = described(couplings.iter().map(|(name, coupling)| (name, coupling)));
+        let described: Vec<Coupled<'_>> = described(couplings.iter());
         let (followers, _) = ordered(&described);
         let rank: HashMap<&str, usize> =
             followers.iter().enumerate().map(|(rank, &index)| (described[index].name, rank)).collect();
