@@ -151,7 +151,7 @@ def _column(simulation: Simulation, feature: str, entry: Any) -> Column:
             raise ExportError(f"{where}: {error}") from error
 
     frame = _frame(simulation, where, entry.get("in"))
-    joints = {
+    joints: Dict[str, Callable[[Recording, int], float]] = {
         "joint position": lambda r, i: r.simulation.joint_positions[i],
         "joint velocity": lambda r, i: r.simulation.joint_velocities[i],
         "joint effort": lambda r, i: r.simulation.joint_efforts[i],
@@ -452,7 +452,8 @@ def write_robomimic(out: Path, episodes: Sequence[Episode], names: Dict[str, Lis
         data = file.create_group("data")
         arguments = {"env_name": mapping.robot_type, "type": 3, "env_kwargs": {}}
         data.attrs["env_args"] = json.dumps(arguments)
-        total, masks = 0, {}
+        total = 0
+        masks: Dict[str, List[str]] = {}
         for index, episode in enumerate(episodes):
             # The last frame has no next one.
             length = episode.length - 1

@@ -119,7 +119,7 @@ class Recording:
                 raise RecordingError(f"{name!r} is no array of a simulation")
         found: Dict[str, List[Array]] = {name: [] for name in ("time", *quantities, *functions)}
         for simulation in self.sample(rate):
-            found["time"].append(np.float64(simulation.sim_time))  # type: ignore[arg-type]
+            found["time"].append(np.float64(simulation.sim_time))
             for name in quantities:
                 found[name].append(np.array(getattr(simulation, name), dtype=np.float64))
             for name, function in functions.items():

@@ -13,6 +13,7 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 import numpy as np
 from ambf_peg_transfer.arms import GAP, LOWER, UPPER, Array, about, inverse
 from ambf_peg_transfer.seeds import uniform
+from numpy.typing import NDArray
 
 from . import wire
 
@@ -100,7 +101,7 @@ class Ways:
     """(turns) rad."""
     costs: Array
     """(stations x turns) to the end; infinite: there is no way."""
-    following: Array
+    following: NDArray[np.intp]
     """(stations x turns) index of the turn at the next station."""
 
     def starts(self, most: float = math.inf) -> List[int]:

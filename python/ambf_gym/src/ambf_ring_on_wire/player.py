@@ -106,7 +106,10 @@ class Player:
 def table(rows: Sequence[Score]) -> str:
     """Runs of many seeds as a table."""
     there = [row for row in rows if row.is_there]
-    middle = lambda values: f"{np.median(values):.1f}" if len(values) else "–"  # noqa: E731
+
+    def middle(values: Sequence[float]) -> str:
+        return f"{np.median(values):.1f}" if len(values) else "–"
+
     return "\n".join(
         (
             "| runs | there | without a touch | touches, mean | time of those there, median, s | drops |",
