@@ -249,7 +249,7 @@ fn what_is_done_in_windows_and_through_the_hub_is_replayed() {
             step(&mut simulation, 20);
             let place = |simulation: &Simulation| {
                 let scene = simulation.scene();
-                let body = scene.bodies.iter().filter(|body| body.is_dynamic()).next_back().expect("a body");
+                let body = scene.bodies.iter().rfind(|body| body.is_dynamic()).expect("a body");
                 body.pose(&scene.world).translation.vector
             };
             let origin = place(&simulation) + 5.0 * Vector3::z();

@@ -284,10 +284,7 @@ fn body_entry(body: BodyId, command: &RigidBodyCommand) -> Entry<'_> {
 
 /// The entry of what is in force for an object, or of its parameters; `None` for what does nothing.
 fn entry_of(object: ObjectId, inbox: &mut dyn Any) -> Option<Entry<'_>> {
-    fn command<C: Command>(inbox: &mut dyn Any) -> Option<Cow<'_, C>>
-    where
-        C: Clone + 'static,
-    {
+    fn command<C: Command + Clone + 'static>(inbox: &mut dyn Any) -> Option<Cow<'_, C>> {
         inbox.downcast_ref::<Inbox<C>>().map(|inbox| Cow::Borrowed(inbox.command()))
     }
     let index = object.index;

@@ -152,11 +152,11 @@ fn command(visuals: &VisualScene, message: &ambf_msgs::VolumeCmd) -> Result<(Vol
     Ok((named(visuals, &message.volume)?, VolumeCommand::Carve(command)))
 }
 
+/// What a message asks of a volume of a scene; a sentence where that cannot be.
+type Asked<'a> = &'a dyn Fn(&VisualScene) -> Result<(VolumeId, VolumeCommand), String>;
+
 /// Leaves commands of volumes with the hub.
-fn post(
-    hub: Arc<Hub>,
-    topic: String,
-) -> impl FnMut(&dyn Fn(&VisualScene) -> Result<(VolumeId, VolumeCommand), String>) + Send {
+fn post(hub: Arc<Hub>, topic: String) -> impl FnMut(Asked<'_>) + Send {
     let complaints = RateLimitedLog::default();
     move |asked| {
         let Some(visuals) = hub.visuals() else { return };
