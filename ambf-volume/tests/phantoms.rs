@@ -89,7 +89,7 @@ fn is_right(grid: &VoxelGrid) {
             let beside: [usize; 3] = std::array::from_fn(|axis| (index[axis] + offset[axis]).wrapping_sub(1));
             grid.is_solid(beside)
         };
-        let surface = grid.is_solid(index) && !around.map(is_solid).fold(true, |all, one| all && one);
+        let surface = grid.is_solid(index) && !around.map(is_solid).all(|one| one);
         assert_eq!(grid.is_surface(index), surface, "{index:?}");
     }
     assert_eq!(grid.count_solid(), indices(grid.size()).filter(|&index| grid.is_solid(index)).count());
@@ -338,7 +338,7 @@ fn the_rate_depends_on_neither_voxels_nor_ticks_and_prefers_no_side() {
             assert!((rate - 30.0).abs() < 0.3, "{rate} mm³/s at h = {h}, {frequency} Hz");
             // Where the centre is between voxels. Of the last shell of equal distances those of low indices are gone.
             let (most, least) = (octants.iter().max().unwrap(), octants.iter().min().unwrap());
-            let is_even = edge % 2 == 0;
+            let is_even = edge.is_multiple_of(2);
             assert!(!is_even || (most - least) as f64 <= 0.03 * *most as f64 + 6.0, "{octants:?}");
         }
     }
