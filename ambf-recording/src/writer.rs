@@ -170,12 +170,20 @@ impl Drop for Writer {
     }
 }
 
+/// What went wrong: the words of the system where it was one of its calls, which the library leaves to the cause.
+fn cause(error: &mcap::McapError) -> String {
+    match error {
+        mcap::McapError::Io(error) => error.to_string(),
+        error => error.to_string(),
+    }
+}
+
 /// Why a recording ends early.
 #[derive(Debug, Error)]
 enum Failure {
     #[error("{0}")]
     Early(EarlyEnd),
-    #[error("{0}")]
+    #[error("{}", cause(.0))]
     Write(#[from] mcap::McapError),
 }
 
