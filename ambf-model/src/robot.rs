@@ -1,4 +1,4 @@
-//! Robot descriptions in XML, told apart by their outermost element: [`urdf`](crate::urdf) or [`mjcf`](crate::mjcf).
+//! Robot descriptions in XML, told apart by their outermost element: [`urdf`] or [`mjcf`].
 
 use std::path::Path;
 

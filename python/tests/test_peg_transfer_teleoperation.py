@@ -16,6 +16,7 @@ from support import use_master
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/crtk"))
 
+import over_ros1  # noqa: E402
 from teleoperation import Settings, Teleoperation  # noqa: E402
 
 FOLDER = ROOT / "resources/peg_transfer"
@@ -99,6 +100,7 @@ class Teleoperated(unittest.TestCase):
             simulator.wait_for_topics("/PSM1/setpoint_cp", "/ambf/env/phantom/block2/State")
             use_master(master.port)
             rospy.init_node("operator", disable_signals=True)
+            over_ros1.messages()
             settings = Settings(scale=SCALE, jaw=(0.0, WIDEST))
             couplings = [Teleoperation(f"/{hand}", f"/{arm}", settings) for hand, arm in MASTERS.items()]
             referee = harness.Program(
