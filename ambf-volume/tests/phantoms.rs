@@ -89,7 +89,7 @@ fn is_right(grid: &VoxelGrid) {
             let beside: [usize; 3] = std::array::from_fn(|axis| (index[axis] + offset[axis]).wrapping_sub(1));
             grid.is_solid(beside)
         };
-        let surface = grid.is_solid(index) && !around.map(is_solid).all(|one| one);
+        let surface = grid.is_solid(index) && !around.all(is_solid);
         assert_eq!(grid.is_surface(index), surface, "{index:?}");
     }
     assert_eq!(grid.count_solid(), indices(grid.size()).filter(|&index| grid.is_solid(index)).count());

@@ -119,7 +119,8 @@ class Teleoperated(unittest.TestCase):
                     harness.wait_for(lambda: scores[-1]["points"] == 1, "a point", seconds=seconds + harness.PATIENCE_S)
             for coupling in couplings:
                 coupling.close()
-        self.assertEqual((scores[-1]["hand_offs"], scores[-1]["on_peg"]["block1"]), (1, "peg18_s"))
+        scored = next(score for score in scores if score["points"] == 1)
+        self.assertEqual((scored["hand_offs"], scored["on_peg"]["block1"]), (1, "peg18_s"))
 
 
 if __name__ == "__main__":
