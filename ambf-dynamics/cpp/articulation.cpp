@@ -588,6 +588,7 @@ void AmbArticulation::write_proxies() {
 
 void AmbArticulation::integrate_free_motion(btScalar h) {
   if (dynamics.fixed_base) follow_base();
+  dynamics.by_euler = engine_of(world).trees_by_euler;
   if (engine_of(world).ledger.enabled) begin_account();
   for (size_t i = dynamics.fixed_base ? 1 : 0; i < members.size(); ++i) {
     ArticulationDynamics::Body &body = dynamics.bodies[i];

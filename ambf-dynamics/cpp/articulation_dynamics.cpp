@@ -872,15 +872,26 @@ ArticulationDynamics::Works ArticulationDynamics::works_of_forces(btScalar h, co
 void ArticulationDynamics::divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to,
                                         Rate &new_rate) {
   begin_drive_sums();
-  runge_kutta(h / parts, from, rate, to, new_rate);
+  part_step(h / parts, from, rate, to, new_rate);
   for (int i = 1; i < parts; ++i) {
     part = to;
     part_rate = new_rate;
     update_poses(part);
     update_velocities(part_rate);
     accelerate_driven(part, part_rate, slopes[0]);
-    runge_kutta(h / parts, part, part_rate, to, new_rate);
+    part_step(h / parts, part, part_rate, to, new_rate);
   }
+}
+
+// One step of the method of integration. slopes[0] must be the acceleration at the beginning.
+void ArticulationDynamics::part_step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate) {
+  if (!by_euler) return runge_kutta(h, from, rate, to, new_rate);
+  advance(new_rate, rate, h, slopes[0]);
+  to = from;
+  advance_position(to, h, new_rate);
+  // Constant forces do this work on the velocity that the step begins and that it ends with.
+  add_drive_sums(h / 2, rate);
+  add_drive_sums(h / 2, new_rate);
 }
 
 // One step of the classical Runge-Kutta method. slopes[0] must be the acceleration at the beginning.

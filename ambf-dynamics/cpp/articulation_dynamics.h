@@ -149,8 +149,10 @@ class ArticulationDynamics {
   // Poses must be up to date. The velocity of a fixed base, which is that of `rate`, is given.
   void project(const btVector3 *linear, const btVector3 *angular, Rate &rate);
 
-  // Integrates over h s by the classical Runge-Kutta method. Poses must be those of `from`, and are undefined
-  // afterwards. The step is divided into sub-intervals if the articulation vibrates or turns too fast for it, and
+  // Whether steps are semi-implicit Euler steps, with one evaluation of the accelerations, instead of those of the classical
+  // Runge-Kutta method.
+  bool by_euler = false;
+  // Integrates over h s. Poses must be those of `from`, and are undefined afterwards. The step is divided into sub-intervals if the articulation vibrates or turns too fast for it, and
   // further while the kinetic energy grows by more than the work of all forces. Damping that is stiff for h is split
   // off (Strang splitting): it acts for h / 2 before and after the step.
   void step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
@@ -311,6 +313,7 @@ class ArticulationDynamics {
   void begin_again(const Position &from, Rate &acceleration);
   bool is_driven(const Link &link) const;
   btScalar fastest_undriven(const Rate &rate) const;
+  void part_step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   void runge_kutta(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   void divided_step(btScalar h, int parts, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   btScalar fastest_coordinate(const Rate &rate) const;

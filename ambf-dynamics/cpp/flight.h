@@ -16,4 +16,8 @@ enum AmbIntegrator {
 
 void amb_world_set_integrator(AmbWorld *world, int integrator);
 
+/* Whether articulations are integrated by the semi-implicit Euler method instead of the classical Runge-Kutta method.
+   Default: 0. */
+void amb_world_set_trees_by_euler(AmbWorld *world, int by_euler);
+
 #endif

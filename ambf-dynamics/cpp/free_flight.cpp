@@ -249,6 +249,8 @@ void correct_free_bodies(btDynamicsWorld *dynamics, btScalar dt) {
 
 extern "C" {
 
+void amb_world_set_trees_by_euler(AmbWorld *world, int by_euler) { engine_of(*world).trees_by_euler = by_euler != 0; }
+
 void amb_world_set_integrator(AmbWorld *world, int integrator) {
   engine_of(*world).integrator = integrator;
   engine_of(*world).accurate.exact_flight = integrator != AmbIntegrator_Euler;

@@ -241,6 +241,13 @@ impl World {
         unsafe { sys::amb_world_set_integrator(self.raw.as_ptr(), integrator as i32) }
     }
 
+    /// Whether articulations are integrated by the semi-implicit Euler method, one evaluation of the accelerations a sub-step,
+    /// instead of the classical Runge-Kutta method. Default: `false`.
+    pub fn set_trees_by_euler(&mut self, by_euler: bool) {
+        // SAFETY: the world is alive.
+        unsafe { sys::amb_world_set_trees_by_euler(self.raw.as_ptr(), by_euler.into()) }
+    }
+
     /// Whether motion states lag up to a sub-step behind the poses. Default: `true`.
     pub fn set_lag(&mut self, lag: bool) {
         // SAFETY: the world is alive.

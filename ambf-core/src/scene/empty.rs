@@ -68,6 +68,7 @@ pub(super) fn empty_scene(
     let manifolds = if options.is_one_of_many { 8 } else { World::MANIFOLDS };
     let mut bullet = savable.flatten().unwrap_or_else(|| World::with_room(solver, kind, manifolds));
     bullet.set_integrator(physics.integrator.unwrap_or(integrator));
+    bullet.set_trees_by_euler(physics.integrator == Some(Integrator::Euler));
     bullet.set_lag(profile == Profile::Legacy && physics.preset.is_none());
     if let Some(preset) = physics.preset {
         bullet.set_solver_settings(&preset.apply(bullet.solver_settings()));

@@ -24,9 +24,13 @@ const ARM: &str = "bodies: [BODY Base, BODY Upper, BODY Lower, BODY Finger]\njoi
 const JOINTS: [&str; 3] = ["A", "B", "C"];
 
 fn bench(articulated: bool) -> Bench {
+    bench_with(articulated, "rk4", 0.001)
+}
+
+fn bench_with(articulated: bool, integrator: &str, sub_step: f64) -> Bench {
     let world = format!(
-        "gravity: {{x: 0, y: 0, z: -10}}\nmax iterations: 50\n\
-         physics: {{profile: accurate, articulated: {articulated}, iterations: 100}}\n"
+        "gravity: {{x: 0, y: 0, z: -10}}\nmax iterations: 50\nphysics: {{profile: accurate, articulated: {articulated}, \
+         iterations: 100, integrator: {integrator}, sub step: {sub_step}}}\n"
     );
     let bench = Bench::new(&world, ARM);
     let scene = bench.0.scene();
@@ -124,6 +128,34 @@ fn forces_and_velocities_of_bodies() {
         bench.steps(20);
     };
     alike(throw, 5e-3, 0.2, 20.0);
+}
+
+#[test]
+fn integrators_of_a_falling_arm_have_their_orders() {
+    let fall = |integrator, sub_step| {
+        let mut bench = bench_with(true, integrator, sub_step);
+        bench.steps(150);
+        JOINTS.map(|name| bench.joint(name).position)
+    };
+    let exact = fall("rk4", 0.000125);
+    let error = |integrator, sub_step| {
+        fall(integrator, sub_step).iter().zip(&exact).map(|(q, right)| (q - right).abs()).fold(0.0, f64::max)
+    };
+    let (coarse, fine) = (error("euler", 0.001), error("euler", 0.0005));
+    assert!((1.8..2.2).contains(&(coarse / fine)) && coarse < 1e-2, "euler: {coarse} {fine}");
+    assert!(error("rk4", 0.001) < 1e-5 * coarse, "rk4: {}", error("rk4", 0.001));
+}
+
+#[test]
+fn controllers_hold_an_arm_with_either_integrator() {
+    let held = |integrator| {
+        let mut bench = bench_with(true, integrator, 0.001);
+        hold(&mut bench, JointCommandType::Position, [0.4, -0.8, 0.06], 1500);
+        JOINTS.map(|name| bench.joint(name).position)
+    };
+    for (euler, rk4) in held("euler").into_iter().zip(held("rk4")) {
+        assert!((euler - rk4).abs() < 1e-6, "{euler} {rk4}");
+    }
 }
 
 #[test]
