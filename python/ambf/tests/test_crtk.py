@@ -24,6 +24,23 @@ def wait(sim, seconds):
     sim.step(round(seconds / STEP))
 
 
+def behind(gain, damping, time, duration=0.5, count=2000):
+    """What is left of a move, as a share of it, of a joint that follows the polynomial of fifth degree by the velocity P e + D de/dt:
+    its error obeys (1 + D) de/dt = dr/dt - P e, r being the set point.
+    """
+    left, step = 0.0, time / count
+    for i in range(count):
+        share = min((i + 0.5) * step / duration, 1.0)
+        speed = 30.0 * (share * (1.0 - share)) ** 2 / duration
+        left += step * (speed - gain * left) / (1.0 + damping)
+    return left
+
+
+SETTLED = 2.5
+"""After so long a joint with the default gains, P 10 and D 1, is within 4e-6 of a step of its set point, s: its time constant is
+(1 + D) / P = 0.2 s."""
+
+
 class Arms(unittest.TestCase):
     """What is there, what moves, what is said."""
 
@@ -47,17 +64,24 @@ class Arms(unittest.TestCase):
         sim.close()
 
     def test_what_is_commanded_is_reached_and_measured(self):
-        """Joints, jaw and pose; a move of the challenge's dialect takes 0.5 s."""
+        """Joints, jaw and pose; a move of the challenge's dialect takes 0.5 s, and joints come after it as their controllers do."""
         sim = scene()
         arm = sim.arm("psm1")
         self.assertIsNone(arm.read("measured_js"))
         goal = np.array([0.1, -0.1, 0.12, 0.2, 0.1, -0.1])
         arm.send("move_jp", goal)
         arm.send("jaw/servo_jp", [0.3])
-        wait(sim, 0.6)
+        # The wrist's yaw has gains of its own, the others have the default ones.
+        gains = [(10.0, 1.0)] * 5 + [(30.0, 0.4)]
+        wait(sim, 0.5)
+        for time in (0.5, 0.6):
+            left = 1.0 - arm.joints("measured_js").position / goal
+            np.testing.assert_allclose(left, [behind(p, d, time) for p, d in gains], atol=1e-3, err_msg=f"{time} s")
+            wait(sim, 0.1)
+        wait(sim, 0.3)
         joints = arm.joints("measured_js")
         np.testing.assert_allclose(joints.position, goal, atol=5e-3)
-        wait(sim, 1.0)
+        wait(sim, SETTLED)
         np.testing.assert_allclose(arm.joints("measured_js").position, goal, atol=1e-4)
         self.assertEqual((len(joints.names), len(joints.velocity)), (8, 6))
         self.assertAlmostEqual(arm.joints("jaw/measured_js").position[0], 0.3, delta=1e-3)
@@ -118,7 +142,7 @@ class Arms(unittest.TestCase):
         sim = scene(seed=5)
         arm, body = sim.arm("psm1"), sim.body("psm1/baselink")
         arm.send("servo_jp", [0.1, 0.2, 0.1, 0, 0, 0])
-        wait(sim, 1.5)
+        wait(sim, SETTLED)
         drawn = draw(5)
         np.testing.assert_allclose(arm.joints("measured_js").position[:3], (0.1, 0.2, 0.1), atol=1e-4)
         off = body.joint_positions[:3] - (0.1, 0.2, 0.1)
@@ -127,7 +151,7 @@ class Arms(unittest.TestCase):
             self.assertLess(math.dist(sim.body(name).pose[:2], SYMMETRIC.pegs[peg]), 0.003)
         arm.send("/ambf/env/psm1/errors_model/set_errors", [0.05, -0.05, 0.004])
         arm.send("servo_jp", [0.1, 0.2, 0.1, 0, 0, 0])
-        wait(sim, 1.5)
+        wait(sim, SETTLED)
         np.testing.assert_allclose(body.joint_positions[:3], (0.15, 0.15, 0.104), atol=1e-4)
         sim.close()
 

@@ -17,8 +17,12 @@ from numpy.typing import NDArray
 
 from . import wire
 
-HUB = 0.0152
-"""From the ring's axis to the fingers' hinge, m: the rim is 8 mm from the hinge, within the pads of the jaws."""
+HUB = wire.RING + 0.008
+"""From the ring's axis to the fingers' hinge, m: the tube is 8 mm from the hinge, within the pads of the jaws."""
+FINGERS = (0.0376, 0.0)
+"""Angles of the left and the right finger that just touch the ring, rad. Both press alike, so that one of them is at its limit."""
+SHIFT = wire.TUBE - 0.0005
+"""How far the ring is then from the middle of the closed jaws, m: the pad of the right finger is 0.5 mm from that."""
 BASES: Dict[str, Tuple[Tuple[float, float, float], Tuple[float, float, float]]] = {
     "psm1": ((0.1313066, 0.3967149, 0.8777097), (0.6974314, -0.5187393, -3.1391723)),
 }
@@ -54,7 +58,7 @@ def ring_at(along: float, turn: float) -> Frame:
 def tool_of(ring: Frame) -> Frame:
     """The tool's yaw link that holds the ring at its x, the fingers pointing at its middle, their pads on its flat sides."""
     out, axis = ring.axes[:, 0], -ring.axes[:, 2]
-    return Frame(ring.position + HUB * out, np.column_stack((axis, out, np.cross(axis, out))))
+    return Frame(ring.position + HUB * out - SHIFT * axis, np.column_stack((axis, out, np.cross(axis, out))))
 
 
 @functools.cache

@@ -14,23 +14,23 @@ from typing import List, Optional, Sequence
 import ambf
 import numpy as np
 from ambf_peg_transfer.arms import quaternion_of
-from ambf_peg_transfer.player import TICK, Arm, Failed, Place, place_of
+from ambf_peg_transfer.player import TICK, Arm, Failed, Place, _rotated, _rotation_vector, place_of
 
 from . import plan, wire
 from .judge import Judge, Score
 
-SPEED = 0.012
-"""Along the wire, m/s."""
-OPEN = 0.04
-"""Angle of a finger by which the jaws are just open around the ring, rad."""
-PAUSE = 0.5
+SPEED, TURN = 0.01, 0.8
+"""Greatest of the ring's set point, m/s and rad/s: a step of the set points throws the ring out of the jaws."""
+FOLLOW = 1.0
+"""Time in which the player follows what the ring slips in the jaws, s."""
+PAUSE = 1.0
 """At the start, while the jaws close, s."""
 
 
 def scene(
     resources: Path, seed: Optional[int], profile: str = "accurate", step: float = 0.005, errors: bool = False
 ) -> ambf.Simulation:
-    """The scene, with its arm for CRTK clients and the ring in its open jaws as the seed puts it. `errors`: the arm's joints have those
+    """The scene, with its arm for CRTK clients and the ring in its jaws as the seed puts it. `errors`: the arm's joints have those
     of the seed.
     """
     folder = resources / "ring_on_wire"
@@ -53,24 +53,50 @@ def place(simulation: ambf.Simulation, turn: float) -> None:
     if q is None:
         raise Failed("the arm can't hold the ring there")
     body = simulation.body("ring_visual")
-    base = simulation.body("psm1/baselink")
+    arm, base = simulation.arm("psm1"), simulation.body("psm1/baselink")
+    # Where joints are and what they say differ by their errors. Set points first: those of the scene would throw the ring away.
+    simulation.step(2)
+    errors = base.joint_positions[:6] - arm.joints("measured_js").position
+    arm.send("servo_jp", q - errors)
+    arm.send("jaw/servo_jp", [0.0])
     simulation.set_state(
         poses={body.name: (*ring.position, *quaternion_of(ring.axes))},
         twists={body.name: np.zeros(6)},
-        joint_positions=dict(zip(base.joints, (*q, OPEN, OPEN))),
+        joint_positions=dict(zip(base.joints, (*q, *plan.FINGERS))),
     )
+    # The first iteration shows what was set, the next one measures it.
+    simulation.step(2)
+
+
+def between(here: Place, there: Place, share: float) -> Place:
+    """So far on the way from `here` (0) to `there` (1)."""
+    turn = _rotation_vector(there.axes @ here.axes.T)
+    return Place(here.position + share * (there.position - here.position), _rotated(share * turn) @ here.axes)
+
+
+def toward(here: Place, there: Place) -> Place:
+    """What is at `here` a tick later, on its way to `there`."""
+    far = float(np.linalg.norm(there.position - here.position))
+    angle = float(np.linalg.norm(_rotation_vector(there.axes @ here.axes.T)))
+    return between(here, there, 1.0 / max(1.0, far / (SPEED * TICK), angle / (TURN * TICK)))
 
 
 class Player:
     """Plays in a simulation of the scene, and lets a judge watch."""
 
     def __init__(self, simulation: ambf.Simulation, step: float) -> None:
-        """`step`: interval of an iteration of the simulation, s."""
+        """`step`: interval of an iteration of the simulation, s. Raises Failed if the tool is where no set point brings it."""
         self.simulation = simulation
         self.judge = Judge()
         self.arm = Arm(simulation, "psm1")
         self._ring = simulation.body("ring_visual")
         self._steps = max(1, round(TICK / step))
+        # It stays where it is.
+        self.arm.look()
+        goal = self.arm.solve(self.arm.tool)
+        if goal is None:
+            raise Failed("the arm is beyond its limits")
+        self.arm.goal, self.arm.jaw = goal, 0.0
 
     def tick(self) -> Score:
         """Lets a tick pass."""
@@ -80,22 +106,19 @@ class Player:
         return self.judge.update(self.simulation.sim_time, self._ring.pose, self.arm.tool.position)
 
     def play(self, start: int) -> Score:
-        """Brings the ring to the end; `start`: as `plan.draw` has it."""
+        """Brings the ring to the end, or until it is dropped; `start`: as `plan.draw` has it."""
         way = plan.ways()
         turns = way.way(start)
-        ring = plan.ring_at(float(way.alongs[0]), float(turns[0]))
-        goal = self.arm.solve(Place(*plan.tool_of(ring)))
-        if goal is None:
-            raise Failed("the arm can't hold the ring there")
-        self.arm.goal, self.arm.jaw = goal, 0.0
         for _ in range(round(PAUSE / TICK)):
             self.tick()
         along, score = float(way.alongs[0]), self.judge.score
-        while not score.is_over:
+        wanted = place_of(self._ring.pose)
+        held = wanted.inverse().times(self.arm.tool)
+        while not (score.is_over or score.drops):
             along = min(along + SPEED * TICK, float(way.alongs[-1]))
-            # The jaws have it as they have it: both States are of one moment.
-            held = place_of(self._ring.pose).inverse().times(self.arm.tool)
-            wanted = Place(*plan.ring_at(along, float(np.interp(along, way.alongs, turns))))
+            wanted = toward(wanted, Place(*plan.ring_at(along, float(np.interp(along, way.alongs, turns)))))
+            # The jaws have it as they have it: both States are of one moment. What it swings is not followed, what it slips is.
+            held = between(held, place_of(self._ring.pose).inverse().times(self.arm.tool), TICK / FOLLOW)
             q = self.arm.solve(wanted.times(held))
             if q is not None:
                 self.arm.goal = q

@@ -28,10 +28,12 @@ BEND = 0.008
 WIRE_RADIUS = 0.0008
 TOP = 0.700
 """Of the board."""
-INNER, OUTER, HALF_HEIGHT = 0.0068, 0.0076, 0.00065
-"""Of the ring: distances of the inner and outer faces from its axis, its z; and half its height along that."""
-SECTORS = 12
-"""The ring is a polygon of so many sides."""
+INNER, OUTER = 0.0068, 0.0081
+"""Of the ring, a torus about its z: its least and its greatest distance from that axis."""
+RING, TUBE = 0.5 * (INNER + OUTER), 0.5 * (OUTER - INNER)
+"""Its radii: of the middle circle and of the tube."""
+SECTORS = 24
+"""Of the ring: a capsule lies on each of so many chords of the middle circle."""
 START, GOAL = 0.022, 0.022
 """A ring begins so far along the wire from its left foot, and is brought until it is so far from the right one."""
 
@@ -63,8 +65,8 @@ _LENGTHS = np.linalg.norm(_WAYS, axis=1)
 _ALONG = np.concatenate(([0.0], np.cumsum(_LENGTHS)))
 LENGTH = float(_ALONG[-1])
 _TANGENTS = _WAYS / _LENGTHS[:, None]
-_ANGLES = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
-_CIRCLE = 0.5 * (INNER + OUTER) * np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES), np.zeros_like(_ANGLES)))
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 192, endpoint=False)
+_CIRCLE = RING * np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES), np.zeros_like(_ANGLES)))
 
 
 class Nearest(NamedTuple):
@@ -106,11 +108,11 @@ def nearest(point: ArrayLike) -> Nearest:
 
 
 def clearance(centre: ArrayLike, axes: Array) -> float:
-    """Distance between the surfaces of the wire and of a torus that has the ring's middle circle and half its width: negative where
-    they would overlap. `axes`: of the ring's frame, columns, in the world.
+    """Distance between the surfaces of wire and ring, negative where they overlap. `axes`: of the ring's frame, columns, in the
+    world.
     """
     circle = np.asarray(centre, np.float64) + _CIRCLE @ axes.T
-    return float(distances(circle).min()) - WIRE_RADIUS - 0.5 * (OUTER - INNER)
+    return float(distances(circle).min()) - WIRE_RADIUS - TUBE
 
 
 def distances(points: Array) -> Array:
@@ -130,5 +132,5 @@ def is_threaded(centre: ArrayLike, axes: Array) -> bool:
     for i in crossing:
         share = heights[i] / (heights[i] - heights[i + 1])
         hit = POINTS[i] + share * _WAYS[i] - c
-        inside += float(hit @ hit) < (0.5 * (INNER + OUTER)) ** 2
+        inside += float(hit @ hit) < RING**2
     return inside % 2 == 1

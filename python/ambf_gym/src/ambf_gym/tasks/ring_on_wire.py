@@ -30,8 +30,6 @@ SCENE = Scene(
 """Without the ghosts in the jaws: friction alone holds the ring."""
 
 BASE, TOOL, RING = "psm1/baselink", "psm1/toolyawlink", "phantom/ring_visual"
-GRIP = 0.04
-"""Angle of a finger at the start, before the jaws close on the ring, rad."""
 NEAR = 0.003
 """Distance that counts as there in the goal form, m."""
 PROGRESS, TOUCH = 10.0, 0.02
@@ -67,7 +65,9 @@ def placed(rng: np.random.Generator) -> Mapping[str, Any]:
     names = (*JOINTS, *FINGERS)
     return {
         "poses": {RING: (*ring.position, *quaternion_of(ring.axes))},
-        "joint_positions": {f"psm1/{name}": value for name, value in zip(names, (*q, GRIP, GRIP))},
+        "twists": {RING: np.zeros(6)},
+        # The scene has one arm: names of joints are theirs alone, without that of the model.
+        "joint_positions": dict(zip(names, (*q, *plan.FINGERS))),
     }
 
 
@@ -77,6 +77,7 @@ class _Watch:
 
     is_shaped: bool
     judge: Judge = field(default_factory=Judge)
+    _first: int = 0
     _seen: int = -1
     _before: Tuple[float, float] = (0.0, 0.0)
 
@@ -92,6 +93,7 @@ class _Watch:
         if transition.after.sim_step == self._seen:
             return
         if self._seen < 0:
+            self._first = transition.before.sim_step
             self._update(transition.before)
         self._seen = transition.after.sim_step
         self._before = (self.judge.score.progress, self.judge.score.touch_time)
@@ -99,7 +101,9 @@ class _Watch:
 
     def _update(self, states: States) -> None:
         ring = states.bodies[RING]
-        self.judge.update(states.sim_time, (*ring.position, *ring.rotation), states.bodies[TOOL].position)
+        # Simulated time goes on over resets, and so would its rounding.
+        time = (states.sim_step - self._first) % 2**32 * SCENE.interval()
+        self.judge.update(time, (*ring.position, *ring.rotation), states.bodies[TOOL].position)
 
     def reward(self, transition: Transition) -> float:
         """1 for the end of the way; shaped, in addition what was new of it, less what the step has touched."""
@@ -149,8 +153,6 @@ def task(shaped: bool = True) -> Task:
         info=watch.info,
         max_steps=round(TIME_LIMIT / 0.05),
         n_skip_steps=10,
-        # Half a second, in which the jaws close.
-        settle_steps=100,
     )
 
 
