@@ -1,4 +1,4 @@
-"""The environment of the peg transfer."""
+"""The environment of the peg transfer, and its scripted player."""
 
 import unittest
 import warnings
@@ -8,8 +8,10 @@ import ambf_gym
 import gymnasium
 import numpy as np
 from ambf_gym import InvalidDescription, Pixels
+from ambf_gym.scene import resources
 from ambf_gym.tasks import peg_transfer
-from ambf_peg_transfer import SYMMETRIC
+from ambf_peg_transfer import SYMMETRIC, draw
+from ambf_peg_transfer.player import OPEN, Failed, Place, Player, scene
 from gymnasium.utils.env_checker import check_env
 
 NAME = "ambf/PegTransfer-v0"
@@ -149,6 +151,56 @@ class Environment(unittest.TestCase):
         env = make()
         self.assertEqual(env.unwrapped.max_episode_steps * 0.05, 180.0)
         env.close()
+
+
+class Scripted(unittest.TestCase):
+    """The player of `python -m ambf_peg_transfer.player`, through the arms' topics."""
+
+    STEP = 0.005
+
+    def player(self, seed, **options):
+        """In a scene with that seed."""
+        simulation = scene(resources(), seed, step=self.STEP, **options)
+        self.addCleanup(simulation.close)
+        return Player(simulation, self.STEP)
+
+    def test_both_blocks_go_over_and_back(self):
+        """Four points, by a hand-off each; in less time than the rules give, with and without errors of the joints."""
+        for errors in (False, True):
+            with self.subTest(errors=errors):
+                score = self.player(40, errors=errors).play(2)
+                self.assertEqual((score.points, score.hand_offs), (4, 4))
+                self.assertLess(score.last_point, 120.0)
+
+    def test_jaws_that_close_on_nothing_say_so(self):
+        """A block is told to be higher than it is: the player looks before it lifts, opens the jaws again, and tries that grip last."""
+        player = self.player(3)
+        player.wait(0.5)
+        arm, name, told = player.arms[1], "block1", player.block
+        peg = next(peg for peg in player.free_pegs(-1) if player._plan(told(name), 1, peg, name))
+        how = player._plan(told(name), 1, peg, name)[0]
+        player.block = lambda name: Place(told(name).position + np.array([0.0, 0.0, 0.02]), told(name).axes)
+        with self.assertRaisesRegex(Failed, "closed on nothing"):
+            player._fetch(arm, name, how)
+        self.assertEqual((player.refused, arm.jaw, player.holder), ({(name, how)}, OPEN, None))
+        player.block = told
+        # Another grip comes first now, and has it.
+        other = player._plan(told(name), 1, peg, name)[0]
+        self.assertNotEqual(other, how)
+        player._fetch(arm, name, other)
+        self.assertEqual(player.holder, (arm, name, other))
+        self.assertGreater(told(name).position[2], SYMMETRIC.top + 0.03)
+
+    def test_errors_of_joints_are_seen(self):
+        """By the State of the tool: those that the seed draws."""
+        player = self.player(7, errors=True)
+        player.wait(1.0)
+        for arm in player.arms.values():
+            np.testing.assert_allclose(arm.errors[:3], draw(7).errors[arm.name], atol=1e-4)
+            # Within limits, it goes to where it is to be.
+            player.joints(arm, np.array([0.1, 0.1, 0.1, 0.0, 0.0, 0.0]))
+            player.settle(arm)
+            self.assertLess(arm.lag, 1e-3)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""A player that brings the blocks over and back by a script, in this process: no ROS, no pictures.
+"""A player that brings the blocks over and back by a script, without pictures: in this process, or over ROS with `--ros`.
 
-It is told where blocks and tools are, exactly, as a program is that subscribes to their States; joints have no errors. So its points say
-what the scene, the grips and the time allow, not what a program can do that sees the board through the cameras.
+It is told where blocks and tools are, exactly, as a program is that subscribes to their States. So its points say what the scene, the
+grips and the time allow, not what a program can do that sees the board through the cameras.
 
-It needs NumPy and the package `ambf`.
+It needs NumPy and, in this process, the package `ambf`; over ROS, `ambf_client`.
 """
 
 from __future__ import annotations
@@ -17,15 +17,21 @@ import json
 import math
 import multiprocessing
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Set, Tuple, Union
 
-import ambf
 import numpy as np
 
-from .arms import LOWER, UPPER, Array, about, forward, inverse, matrix_of, unlimited
+from .arms import GAP, LOWER, UPPER, Array, about, forward, inverse, matrix_of, unlimited
 from .board import SYMMETRIC, Board
 from .referee import Pose, Referee, Score
 from .seeds import draw
+
+if TYPE_CHECKING:
+    import ambf
+
+    from .remote import RemoteSimulation
+
+    Simulation = Union[ambf.Simulation, RemoteSimulation]
 
 WALL = 0.004675
 """From the axis of a block to the middle of a wall, m."""
@@ -33,20 +39,30 @@ WALLS = (-math.pi / 2, math.pi / 6, 5 * math.pi / 6)
 """Directions of the walls in the frame of a block, rad."""
 TOP = 0.01485
 """Of a block, above the origin of its frame, m."""
-ABOVE = 0.0045
-"""The fingers' hinge is so far above the top of the block that they hold, m."""
+ABOVE = 0.003
+"""The fingers' hinge is so far above the top of the block that they hold, m. Their bases, 4.3 mm below the hinge, then press on the wall's
+faces. Jaws that hold a wall are a little open, so higher fingers would touch no more than the edges of its top, about which it swings.
+"""
 OPEN, CLOSED = 0.11, 0.0
 """Angles of a finger, rad: 0.7 mm from the wall that they are to take; inside the block there is room for 0.15 beside a peg."""
 ROOM = -0.0006
 """A block that stands off its peg's axis by less than this, towards the wall, leaves room for a finger between wall and peg, m."""
 APART = 0.0065
 """Hinges of both arms' fingers are so far apart across the board where a block changes hands, m."""
-SLIPPED = 0.004
+GRASPED = 0.0015
+"""So near to where the grip has it the block is in jaws that have closed on it, m."""
+LOST = 0.01
 """A block that has moved in the jaws by more was lost, m."""
-HELD = 0.03
-"""A block whose origin is nearer to the tool's is between its jaws, m."""
+LINK, PEG, PEG_TIP = 0.0026, 0.0018, 0.0182
+"""Half the width of the link between wrist and fingers; radius of a peg, and height of the middle of its round tip above the board, m."""
+CLEARANCE = 0.0001
+"""Between link and peg, m. A link that leans to the peg's side of the wall rests on its tip before the fingers are down."""
+LANDED = 0.003
+"""A block that is put down is lower than this above its place, m, or has not gone over the peg."""
 ALIGNED = (0.0004, 0.02)
 """So near to where it is to be is near enough before a block goes down, m and rad."""
+FINGERS = 0.0095
+"""Length of the fingers from their hinge, m."""
 LIFT = 0.035
 """A block is carried so far above the board, m: pegs are 20 mm high."""
 MEETING = np.array([0.0194, 0.306, 0.775])
@@ -55,8 +71,14 @@ ASIDE = 0.045
 """Tools and blocks go round the near end of the wall, so far from its plane, m."""
 TURNS = (0.0, 0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
 """By how much a block may be turned on a way, rad."""
-SPEED, TURN = 0.05, 1.2
-"""m/s, rad/s."""
+SPEED, TURN = 0.12, 2.0
+"""Greatest speeds on a way, m/s, rad/s."""
+SLOWLY = 0.04
+"""The same of jaws that leave a block, m/s: joints lag behind their set points, each as it can, and so faster ways are not straight."""
+NEAR, THERE = 0.01, 5e-4
+"""How far joints may be from their set points, rad or m, before the next leg of a way begins, and at its end."""
+EMPTY = 0.004
+"""Jaws that close further than this, rad, have nothing between them: a wall keeps each finger at 0.009 or more."""
 SLOW = 0.01
 """Joints that are slower stand still, rad/s and m/s."""
 MARKS = ("<!-- player: begin -->\n", "<!-- player: end -->\n")
@@ -119,14 +141,16 @@ class Arm:
     Errors of its first joints are seen by the tool's State, as a camera would see them, and taken off what it is told.
     """
 
-    def __init__(self, simulation: ambf.Simulation, name: str) -> None:
+    def __init__(self, simulation: Simulation, name: str) -> None:
         self.name = name
         self._client = simulation.arm(name)
         self._base = simulation.body(f"{name}/baselink")
         self._tool = simulation.body(f"{name}/toolyawlink")
         self.base = place_of(self._base.pose)
         self._world = self.base.inverse()
-        self.goal: Array = np.zeros(6)
+        # Before the first step, joints are where the file has them.
+        begin: Any = self._client.read("measured_js")
+        self.goal: Array = np.zeros(6) if begin is None else begin.position.copy()
         self.errors: Array = np.zeros(6)
         self.jaw = OPEN
         self.send()
@@ -151,6 +175,11 @@ class Arm:
         """What the joints say, rad and m."""
         return self._client.joints("measured_js").position
 
+    @property
+    def opening(self) -> float:
+        """Angle of a finger, mean of both, rad."""
+        return float(self._client.joints("jaw/measured_js").position[0])
+
     def solve(self, tool: Place) -> Optional[Array]:
         """Joints for a place of the tool; None: out of reach, or beyond limits."""
         seen = self._world.times(tool)
@@ -160,6 +189,15 @@ class Arm:
         """How far the joints are from their limits there, as a share of their ranges; negative: it can't go there."""
         q = self.solve(tool)
         return -1.0 if q is None else float(np.min(np.minimum(UPPER - q, q - LOWER) / (UPPER - LOWER)))
+
+    def to_peg(self, tool: Place, tip: Array) -> float:
+        """How far the link above the fingers is from a peg, the middle of whose round tip is at `tip`, m."""
+        hinge = tool.axes[:, 2]
+        up = self.base.position - tool.position
+        up = up - (up @ hinge) * hinge
+        up = up / np.linalg.norm(up)
+        along = min(max(float((tip - tool.position) @ up), 0.0), GAP)
+        return float(np.linalg.norm(tip - tool.position - along * up)) - LINK - PEG
 
     @property
     def commanded(self) -> Place:
@@ -180,8 +218,8 @@ class Arm:
 class Player:
     """Plays in a simulation of the peg-transfer scene, and lets a referee watch."""
 
-    def __init__(self, simulation: ambf.Simulation, step: float, board: Board = SYMMETRIC) -> None:
-        """`step`: interval of an iteration of the simulation, s."""
+    def __init__(self, simulation: Simulation, step: float, board: Board = SYMMETRIC) -> None:
+        """`step`: interval of a step of the simulation, s."""
         self.simulation = simulation
         self.board = board
         self.referee = Referee(board)
@@ -189,8 +227,8 @@ class Player:
         self.arms = {1: Arm(simulation, "psm1"), -1: Arm(simulation, "psm2")}
         """By the side on which each works: 1 left, -1 right."""
         self._blocks = {name: simulation.body(name) for name in board.blocks}
-        self.holder: Optional[Tuple[Arm, str]] = None
-        """Which arm holds which block, as far as the player knows."""
+        self.holder: Optional[Tuple[Arm, str, Grip]] = None
+        """Which arm holds which block, and how, as far as the player knows."""
         self.refused: Set[Tuple[str, Grip]] = set()
         """Grips by which a block was not taken: others are tried."""
 
@@ -218,7 +256,7 @@ class Player:
         for _ in range(round(seconds / TICK)):
             self.tick()
 
-    def settle(self, arm: Arm, within: float = 5e-4, most: float = 1.5) -> None:
+    def settle(self, arm: Arm, within: float = THERE, most: float = 1.5) -> None:
         """Waits until an arm is where it is to be, `most` s at most."""
         for _ in range(round(most / TICK)):
             if arm.lag < within:
@@ -227,12 +265,12 @@ class Player:
 
     # --- motion -------------------------------------------------------------------------------------------------------------------
 
-    def line(self, arm: Arm, goal: Place) -> None:
-        """Moves a tool on a straight line, smoothly. Raises Failed."""
+    def line(self, arm: Arm, goal: Place, within: float = THERE, speed: float = SPEED) -> None:
+        """Moves a tool on a straight line, smoothly, at `speed` at most, until its joints are `within` of the end. Raises Failed."""
         begin = arm.commanded
         turn = _rotation_vector(goal.axes @ begin.axes.T)
         way = goal.position - begin.position
-        seconds = 1.5 * max(float(np.linalg.norm(way)) / SPEED, float(np.linalg.norm(turn)) / TURN, TICK)
+        seconds = 1.5 * max(float(np.linalg.norm(way)) / speed, float(np.linalg.norm(turn)) / TURN, TICK)
         count = math.ceil(seconds / TICK)
         for i in range(1, count + 1):
             share = i / count
@@ -242,7 +280,7 @@ class Player:
                 raise Failed(f"{arm.name}: out of reach on the way")
             arm.goal = q
             self.tick()
-        self.settle(arm)
+        self.settle(arm, within)
 
     def joints(self, arm: Arm, goal: Array) -> None:
         """Moves all joints at once, smoothly, roll the shorter way."""
@@ -256,7 +294,7 @@ class Player:
             share = share * share * (3.0 - 2.0 * share)
             arm.goal = begin + share * (goal - begin)
             self.tick()
-        self.settle(arm)
+        self.settle(arm, NEAR)
 
     def set_jaw(self, arm: Arm, angle: float) -> None:
         """Opens or closes at 0.5 rad/s."""
@@ -284,94 +322,150 @@ class Player:
         if grips is None:
             raise Failed(f"no way to bring {name} to {peg}")
         give, take, turn, target = grips
-        up = np.array([0.0, 0.0, LIFT])
-        # Fetch it.
+        meeting = upright(MEETING, turn)
         self._fetch(giver, name, give)
         # To the meeting, round the near end of the wall.
-        meeting = upright(MEETING, turn)
         for goal in self._way(block, side, meeting)[2:]:
-            self._carry(giver, name, goal)
-        self._align(giver, name, meeting)
-        # Both hold it, then the other one alone.
-        grip = take.tool(self.block(name))
-        over = Place(grip.position + 0.8 * up, grip.axes)
-        self.set_jaw(taker, OPEN)
-        self._approach(taker, over)
-        self.line(taker, grip)
-        self.set_jaw(taker, CLOSED)
-        self.set_jaw(giver, OPEN)
-        self.holder = (taker, name)
-        away = giver.commanded
-        self.line(giver, Place(away.position + 0.8 * up, away.axes))
-        self.line(giver, Place(away.position + 0.8 * up + np.array([side * ASIDE, 0.0, 0.0]), away.axes))
+            self._carry(goal)
+        self._align(meeting)
+        self._hand_over(giver, taker, name, take)
         # To the peg.
-        way = self._way(target, -side, meeting)
-        for goal in way[-2:0:-1]:
-            self._carry(taker, name, goal)
-        self._put(taker, name, target)
+        for goal in self._way(target, -side, meeting)[-2:0:-1]:
+            self._carry(goal)
+        self._put(target)
+
+    def _grasp(self, arm: Arm, name: str, how: Grip) -> None:
+        """Goes down to a block, closes the jaws, and looks whether they have it. Raises Failed, and is above it with open jaws then."""
+        grip = how.tool(self.block(name))
+        over = arm.commanded
+        self.line(arm, grip)
+        failure = ""
+        if float(np.linalg.norm(arm.tool.position - grip.position)) > GRASPED:
+            failure = f"is stopped above {name}"
+        else:
+            self.set_jaw(arm, CLOSED)
+            if arm.opening < EMPTY:
+                failure = "has closed on nothing"
+            elif self._slip(arm, name, how) > GRASPED:
+                failure = f"has a bad grip of {name}"
+        if failure:
+            self.refused.add((name, how))
+            self.set_jaw(arm, OPEN)
+            self.line(arm, over)
+            raise Failed(f"{arm.name} {failure}")
 
     def _fetch(self, arm: Arm, name: str, how: Grip) -> None:
-        """Takes a block that stands, and lifts it."""
-        block = self.block(name)
-        grip, up = how.tool(block), np.array([0.0, 0.0, LIFT])
+        """Takes a block that stands, and lifts it. Raises Failed; the block stands on its peg then, if it has not fallen."""
+        grip = how.tool(self.block(name))
         self.set_jaw(arm, OPEN)
-        self._approach(arm, Place(grip.position + up, grip.axes))
-        self.line(arm, grip)
-        self.set_jaw(arm, CLOSED)
-        self.holder = (arm, name)
-        self.line(arm, Place(grip.position + up, grip.axes))
-        if self.block(name).position[2] < block.position[2] + 0.5 * LIFT:
+        self._approach(arm, _moved(grip, z=LIFT))
+        self._grasp(arm, name, how)
+        down = arm.commanded
+        self.holder = (arm, name, how)
+        # At rest, for over ROS the States of a tool and of a block are not of the same moment.
+        self.line(arm, _moved(down, z=LIFT))
+        if arm.opening < EMPTY or self._slip(arm, name, how) > GRASPED:
             self.refused.add((name, how))
+            self.line(arm, down)
+            self.set_jaw(arm, OPEN)
+            self.holder = None
+            self.line(arm, _moved(down, z=LIFT), NEAR)
             raise Failed(f"{arm.name} has not got {name}")
 
-    def _carry(self, arm: Arm, name: str, goal: Place) -> None:
-        """Moves a block that an arm holds on a straight line: the jaws have it as they have it now."""
+    def _hand_over(self, giver: Arm, taker: Arm, name: str, how: Grip) -> None:
+        """Both hold the block, then the taker alone. Raises Failed; if the taker has not got it, the giver still holds it."""
+        side = 1 if giver is self.arms[1] else -1
+        self.set_jaw(taker, OPEN)
+        self._approach(taker, _moved(how.tool(self.block(name)), z=0.8 * LIFT))
+        self._grasp(taker, name, how)
+        self.set_jaw(giver, OPEN)
+        self.holder = (taker, name, how)
+        self._leave(giver, 0.8 * LIFT)
+        self.line(giver, _moved(giver.commanded, x=side * ASIDE), NEAR)
+        self._check()
+
+    def _leave(self, arm: Arm, height: float) -> None:
+        """Draws open jaws off a block, along the fingers, which else would drag it along where they are not upright; then goes up."""
+        here = arm.commanded
+        off = Place(here.position + FINGERS * here.axes[:, 1], here.axes)
+        self.line(arm, off, NEAR, SLOWLY)
+        self.line(arm, _moved(off, z=height - FINGERS), NEAR)
+
+    def _slip(self, arm: Arm, name: str, how: Grip) -> float:
+        """How far a block is in the jaws from where the grip has it, m."""
         held = self.block(name).inverse().times(arm.tool)
-        self.line(arm, goal.times(held))
-        now = self.block(name).inverse().times(arm.tool)
-        if float(np.linalg.norm(now.position - held.position)) > SLIPPED:
+        planned = how.tool(Place(np.zeros(3), np.eye(3)))
+        return float(np.linalg.norm(held.position - planned.position))
+
+    def _check(self) -> None:
+        """Looks whether the holder still has its block. Raises Failed."""
+        if self.holder is None:
+            return
+        arm, name, how = self.holder
+        if arm.opening < EMPTY or self._slip(arm, name, how) > LOST:
             self.holder = None
             raise Failed(f"{arm.name} has lost {name}")
 
-    def _align(self, arm: Arm, name: str, goal: Place) -> None:
-        """Brings a held block to where it is to be, whatever it has slipped on its way."""
+    def _carry(self, goal: Place) -> None:
+        """Moves the held block on a straight line. The tool moves as planned, upright: what the block has turned in the jaws is seen to
+        where it has to be somewhere exactly, for a tool that turned with it on all its way would leave the reach of the arm.
+        """
+        assert self.holder is not None
+        arm, _, how = self.holder
+        self.line(arm, how.tool(goal), NEAR)
+        self._check()
+
+    def _align(self, goal: Place) -> None:
+        """Brings the held block to where it is to be, whatever it has slipped on its way; not upright where the arm does not reach that."""
+        assert self.holder is not None
+        arm, name, _ = self.holder
+        self.settle(arm)
         for _ in range(3):
             block = self.block(name)
-            away = float(np.linalg.norm(block.position - goal.position))
+            away = goal.position - block.position
             turned = float(np.linalg.norm(_rotation_vector(goal.axes @ block.axes.T)))
-            if away < ALIGNED[0] and turned < ALIGNED[1]:
-                return
-            self._carry(arm, name, goal)
+            if float(np.linalg.norm(away)) < ALIGNED[0] and turned < ALIGNED[1]:
+                break
+            tool = goal.times(block.inverse().times(arm.tool))
+            if arm.solve(tool) is None:
+                tool = Place(arm.tool.position + away, arm.commanded.axes)
+            self.line(arm, tool)
+            self._check()
 
-    def _put(self, arm: Arm, name: str, target: Place) -> None:
-        """Puts a held block that is above a peg onto it, and goes up."""
-        self._align(arm, name, _moved(target, z=LIFT))
-        self._carry(arm, name, target)
+    def _put(self, target: Place) -> None:
+        """Puts the held block that is above a peg onto it, and goes up."""
+        assert self.holder is not None
+        arm, name, _ = self.holder
+        for _ in range(3):
+            self._align(_moved(target, z=LIFT))
+            over = arm.commanded
+            self.line(arm, _moved(over, z=-LIFT))
+            if self.block(name).position[2] < target.position[2] + LANDED:
+                break
+            # It stands on the peg.
+            self.line(arm, over)
+            self._check()
         self.set_jaw(arm, OPEN)
         self.holder = None
-        away = arm.commanded
-        self.line(arm, Place(away.position + np.array([0.0, 0.0, LIFT]), away.axes))
+        self._leave(arm, LIFT)
         self.wait(0.3)
 
     def _put_back(self) -> None:
         """Puts a block that is still held after a failure onto a peg of the arm's own side. Raises Failed."""
         if self.holder is None:
             return
-        arm, name = self.holder
+        arm, name, how = self.holder
         side = 1 if arm is self.arms[1] else -1
+        self._check()
         block = self.block(name)
-        held = block.inverse().times(arm.tool)
-        if float(np.linalg.norm(arm.tool.position - block.position)) > HELD or block.axes[2, 2] < 0.9:
-            self.holder = None
-            return
         yaw = math.atan2(block.axes[1, 0], block.axes[0, 0])
         for peg, turn in itertools.product(self.free_pegs(side), TURNS):
             target = upright(np.array([*self.board.pegs[peg], self.board.top + 0.001]), yaw + turn)
             way = self._way(target, side, Place(block.position, target.axes))
-            if all(arm.margin(goal.times(held)) > 0.0 for goal in way):
+            if all(arm.margin(how.tool(goal)) > 0.0 for goal in way):
                 for goal in way[-2:0:-1]:
-                    self._carry(arm, name, goal)
-                self._put(arm, name, target)
+                    self._carry(goal)
+                self._put(target)
                 return
         raise Failed(f"{arm.name} can't put {name} back")
 
@@ -414,21 +508,28 @@ class Player:
         giver, taker = self.arms[side], self.arms[-side]
         height = self.board.top + 0.001  # 0.8 mm above where it comes to rest
         stand = np.array([*self.board.pegs[peg], height])
-        best: Tuple[float, Any] = (-0.2, None)
+        best: Tuple[float, Any] = (-0.5, None)
         yaw = math.atan2(block.axes[1, 0], block.axes[0, 0])
+
+        def tip_of(place: Array) -> Array:
+            near = min(self.board.pegs.values(), key=lambda at: math.dist(at, place[:2]))
+            return np.array([*near, self.board.top + PEG_TIP])
 
         @functools.cache
         def put(grip: Grip, turn: float) -> float:
             target = upright(stand, turn)
+            if taker.to_peg(grip.tool(target), tip_of(stand)) < CLEARANCE:
+                return -1.0
             return min(taker.margin(grip.tool(place)) for place in (target, _moved(target, z=LIFT)))
 
         # A grip that did not take it, or without room beside the peg, comes last.
         def doubt(grip: Grip) -> float:
             angle = WALLS[grip.wall]
             out = block.axes @ np.array([math.cos(angle), math.sin(angle), 0.0])
-            near = min(self.board.pegs.values(), key=lambda at: math.dist(at, block.position[:2]))
-            room = float(out[:2] @ (block.position[:2] - near))
-            return 0.1 * ((name, grip) in self.refused) + 0.1 * (room < ROOM)
+            tip = tip_of(block.position)
+            room = float(out[:2] @ (block.position - tip)[:2])
+            clear = giver.to_peg(grip.tool(block), tip)
+            return 0.1 * ((name, grip) in self.refused) + 0.1 * (room < ROOM) + 0.1 * (clear < CLEARANCE)
 
         fetch = {
             grip: min(giver.margin(grip.tool(place)) for place in (block, _moved(block, z=LIFT))) - doubt(grip)
@@ -446,6 +547,7 @@ class Player:
                 giver.margin(_moved(mine, x=side * ASIDE)),
                 taker.margin(_moved(other, x=-side * ASIDE, z=0.8 * LIFT)),
             )
+            here -= 0.1 * ((name, take) in self.refused)
             for again in TURNS:
                 value = min(here, put(take, yaw + turned + again)) - 0.05 * (abs(turned) + abs(again))
                 if value <= best[0]:
@@ -509,6 +611,7 @@ class Player:
                     if verbose:
                         print(f"{score.time:6.1f} s: {error}")
                     self._recover(verbose)
+                    self.wait(0.5)
                 if verbose:
                     print(f"{score.time:6.1f} s: {name}: {score.points} points, {score.on_peg}")
         return score
@@ -566,6 +669,8 @@ def scene(
     """The scene, with its arms for CRTK clients and the blocks where the seed puts them. Without `ghosts`, which take the weight of
     what is between jaws, friction alone holds the blocks. `errors`: joints have the errors of the seed, too.
     """
+    import ambf
+
     folder = resources / "peg_transfer"
     models = [0, 1, 2, 3, 4, 5] if ghosts else [0, 1, 2, 4]
     simulation = ambf.Simulation(
@@ -606,6 +711,13 @@ def run(seed: int, options: argparse.Namespace) -> Score:
     return score
 
 
+def run_over_ros(options: argparse.Namespace) -> Score:
+    """A run in a simulator that is running, as it stands."""
+    from .remote import RemoteSimulation
+
+    return Player(RemoteSimulation(TICK), TICK).play(options.ways, options.verbose)
+
+
 def table(rows: Dict[str, List[Score]], most: int) -> str:
     """Runs with many seeds; a row for each kind of them. `most`: points that there are."""
     points = range(most, -1, -1)
@@ -638,7 +750,11 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         "--page", type=Path, help="write the table, of runs without and with errors, between the markers of this file"
     )
     parser.add_argument("--jobs", type=int, default=1, help="runs at once, in processes [1]")
+    parser.add_argument("--ros", action="store_true", help="one run in a simulator that is running, over ROS_VERSION")
     options = parser.parse_args(arguments)
+    if options.ros:
+        print(json.dumps(run_over_ros(options).as_dict()), flush=True)
+        return
     seeds = range(options.first, options.first + options.seeds)
     kinds = [False, True] if options.page else [options.errors]
     rows: Dict[str, List[Score]] = {}
