@@ -2,6 +2,7 @@
 
 use crate::physics_common::{load_texts, Bench};
 use ambf_core::comm::JointCommandType;
+use ambf_core::sim::Simulation;
 use nalgebra::Vector3;
 
 /// A base, two hinged links and a finger on a slider; gravity along z, everything is damped a little.
@@ -24,15 +25,18 @@ const ARM: &str = "bodies: [BODY Base, BODY Upper, BODY Lower, BODY Finger]\njoi
 const JOINTS: [&str; 3] = ["A", "B", "C"];
 
 fn bench(articulated: bool) -> Bench {
-    bench_with(articulated, "rk4", 0.001)
+    bench_with(articulated, "rk4")
 }
 
-fn bench_with(articulated: bool, integrator: &str, sub_step: f64) -> Bench {
-    let world = format!(
-        "gravity: {{x: 0, y: 0, z: -10}}\nmax iterations: 50\nphysics: {{profile: accurate, articulated: {articulated}, \
-         iterations: 100, integrator: {integrator}, sub step: {sub_step}}}\n"
-    );
-    let bench = Bench::new(&world, ARM);
+fn world(articulated: bool, integrator: &str) -> String {
+    format!(
+        "gravity: {{x: 0, y: 0, z: -10}}\nmax iterations: 50\n\
+         physics: {{profile: accurate, articulated: {articulated}, iterations: 100, integrator: {integrator}}}\n"
+    )
+}
+
+fn bench_with(articulated: bool, integrator: &str) -> Bench {
+    let bench = Bench::new(&world(articulated, integrator), ARM);
     let scene = bench.0.scene();
     let link = scene.world.bodies()[bench.body("Lower").index()];
     assert_eq!(scene.world.articulation(link).is_some(), articulated);
@@ -133,8 +137,9 @@ fn forces_and_velocities_of_bodies() {
 #[test]
 fn integrators_of_a_falling_arm_have_their_orders() {
     let fall = |integrator, sub_step| {
-        let mut bench = bench_with(true, integrator, sub_step);
-        bench.steps(150);
+        let loaded = load_texts(&world(true, integrator), &[ARM]);
+        let mut bench = Bench(Simulation::new(loaded.scene, sub_step));
+        (0..(0.15_f64 / sub_step).round() as u32).for_each(|_| bench.update(sub_step));
         JOINTS.map(|name| bench.joint(name).position)
     };
     let exact = fall("rk4", 0.000125);
@@ -149,7 +154,7 @@ fn integrators_of_a_falling_arm_have_their_orders() {
 #[test]
 fn controllers_hold_an_arm_with_either_integrator() {
     let held = |integrator| {
-        let mut bench = bench_with(true, integrator, 0.001);
+        let mut bench = bench_with(true, integrator);
         hold(&mut bench, JointCommandType::Position, [0.4, -0.8, 0.06], 1500);
         JOINTS.map(|name| bench.joint(name).position)
     };

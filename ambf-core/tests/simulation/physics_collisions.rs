@@ -367,3 +367,55 @@ fn the_hollow_of_a_divided_ghost_is_outside_of_it() {
     close(bench.velocity("Between").0.z, -0.5, 0.02);
     close(bench.velocity("Within").0.z, 0.0, 0.02);
 }
+
+/// Least distance of contacts between a wedge of 3.8 mm × 0.8 mm × 1.3 mm times `scale` and a capsule beside it, m.
+fn distance_of_a_wedge(scale: f64, place: [f64; 3], angles: [f64; 3]) -> Option<f64> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let corners = [(-0.00018, -0.0018), (0.00067, -0.002), (0.00067, 0.002), (-0.00018, 0.0018)];
+    let mut text = String::from("o part\n");
+    for z in [-0.00065, 0.00065] {
+        corners.iter().for_each(|(x, y)| text += &format!("v {} {} {}\n", x * scale, y * scale, z * scale));
+    }
+    text += "f 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\nf 4 3 2 1\nf 5 6 7 8\n";
+    std::fs::write(folder.path().join("part.obj"), text).expect("written");
+    let [x, y, z] = place.map(|value| value * scale);
+    let [r, p, w] = angles;
+    let model = format!(
+        "bodies: [BODY part, BODY rod]\n\
+         BODY part: {{name: part, mass: 0.01, inertia: {{ix: 1, iy: 1, iz: 1}}, mesh: part.obj, \
+         high resolution path: {0}, low resolution path: {0}, collision mesh type: CONVEX_HULL, collision margin: {1}, \
+         inertial offset: {{position: {{x: 0, y: 0, z: 0}}}}, \
+         location: {{position: {{x: {x}, y: {y}, z: {z}}}, orientation: {{r: {r}, p: {p}, y: {w}}}}}}}\n\
+         BODY rod: {{name: rod, mass: 0, collision shape: Capsule, \
+         collision geometry: {{radius: {2}, height: {3}, axis: z}}, collision margin: {1}}}\n",
+        folder.path().display(),
+        1e-5 * scale,
+        8e-4 * scale,
+        3.4e-3 * scale
+    );
+    let mut bench = Bench::new("gravity: {x: 0, y: 0, z: 0}\nphysics: {profile: accurate}\n", &model);
+    bench.steps(1);
+    let contacts = bench.0.scene().world.contact_points();
+    contacts.iter().map(|(_, contact)| contact.distance).reduce(f64::min)
+}
+
+#[test]
+fn distances_of_small_parts_are_as_exact_as_those_of_large_ones() {
+    let mut state = 1_u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let mut count = 0;
+    for _ in 0..1000 {
+        let place = [0; 3].map(|_| 0.006 * random() - 0.003);
+        let angles = [0; 3].map(|_| 6.28 * random());
+        let of = |scale: f64| distance_of_a_wedge(scale, place, angles).map(|distance| distance / scale);
+        // Deeper pairs have further points.
+        let Some(large) = of(100.0).filter(|distance| *distance > -3e-5) else { continue };
+        let small = of(1.0).unwrap_or(f64::INFINITY);
+        assert!((small - large).abs() < 1e-7, "{place:?} {angles:?}: {small} m, of the large part {large} m");
+        count += 1;
+    }
+    assert!(count > 10, "{count}");
+}
