@@ -9,7 +9,7 @@ import unittest
 import harness
 import rospy
 from ambf_peg_transfer.arms import about
-from ambf_peg_transfer.player import Player, scene
+from ambf_peg_transfer.player import SPEED, THERE, Player, scene
 from std_msgs.msg import String
 from support import use_master
 
@@ -26,6 +26,8 @@ MASTERS = {"MTML": "PSM1", "MTMR": "PSM2"}
 SCALE, WIDEST = 0.5, 0.2
 # Of the hands against the player's: clocks of busy machines run ahead of their simulation.
 SLOWER = 2.0
+# Greatest speed of a tool, m/s.
+UNSEEN = 0.04
 # Axes of the cameras' frame in the world, and of a master's viewer in its device frame.
 CAMERA = about(2, -3.14159) @ about(0, 0.69813)
 VIEWER = about(2, -1.57079)
@@ -43,6 +45,10 @@ class Recorder(Player):
     def __init__(self, *arguments):
         super().__init__(*arguments)
         self.lines, self._ticks = [], 0
+
+    def line(self, arm, goal, within=THERE, speed=SPEED):
+        """As slowly as hands move that don't see what the jaws do."""
+        super().line(arm, goal, within, min(speed, UNSEEN))
 
     def tick(self):
         """Each fifth tick."""
@@ -116,11 +122,15 @@ class Teleoperated(unittest.TestCase):
                 self.assertTrue(program.exists(), f"no {program}: run cargo build --workspace")
                 command = [program, *MASTERS, "--rate", "250", "--quiet", "--script", script]
                 with harness.Program(command, harness.environment(master.port)):
-                    harness.wait_for(lambda: scores[-1]["points"] == 1, "a point", seconds=seconds + harness.PATIENCE_S)
+                    # The point is given where the block first rests; jaws that leave may move it once more.
+                    harness.wait_for(
+                        lambda: scores[-1]["points"] == 1 and scores[-1]["on_peg"]["block1"] == "peg18_s",
+                        "a point",
+                        seconds=seconds + harness.PATIENCE_S,
+                    )
             for coupling in couplings:
                 coupling.close()
-        scored = next(score for score in scores if score["points"] == 1)
-        self.assertEqual((scored["hand_offs"], scored["on_peg"]["block1"]), (1, "peg18_s"))
+        self.assertEqual(scores[-1]["hand_offs"], 1)
 
 
 if __name__ == "__main__":

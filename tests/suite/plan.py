@@ -129,7 +129,7 @@ def modules(folder):
 def ros1_tests():
     """Real ROS 1 programs against the simulator; first a teleoperation while clients, arms and masters come and go."""
     run = [DEBIAN_PYTHON, ROOT / "tests/ros/run.py"]
-    soak = [DEBIAN_PYTHON, "python/benchmarks/soak.py", "docs/benchmarks", "--minutes", "2"]
+    soak = [DEBIAN_PYTHON, "python/benchmarks/soak.py", "docs/benchmarks", "--minutes", "1"]
     jobs = [Job("soak", soak, ROOT, programs(), needs=("build",))]
     for folder in ("tests/ros", "tests/crtk"):
         for path in modules(folder):
