@@ -257,7 +257,9 @@ impl Simulation {
             // They belong to a pick that was refused. What was picked when it was recorded stays so.
             WindowRequest::Drag { .. } | WindowRequest::Release => (),
             WindowRequest::Drawn | WindowRequest::Input(_) => (),
-            WindowRequest::Gravity(_) => drop(self.refuses()),
+            WindowRequest::Gravity(_) => {
+                self.refuses();
+            }
             WindowRequest::Pick { .. } => {
                 self.refuses();
                 return Some(WindowAnswer::Picked(Picked::Nothing));

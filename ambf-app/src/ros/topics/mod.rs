@@ -58,7 +58,9 @@ impl Commanded {
         match post(&self.hub, self.object) {
             // Said once, for all topics.
             Err(PostError::Replaying) => (),
-            Err(error) => drop(self.complaints.report(format_args!("{}: {error}", self.topic))),
+            Err(error) => {
+                self.complaints.report(format_args!("{}: {error}", self.topic));
+            }
             Ok(()) if !was_live => self.waker.wake(),
             Ok(()) => (),
         }
