@@ -39,7 +39,7 @@ impl RecordingDesk {
             }
             // It has ended by itself, which was said.
             let _ = self.requests.stop();
-            end(writer);
+            let _ = end(writer);
         }
         let header = self.header.as_ref().map_err(String::clone)?;
         let header = header.read().map_err(|error| format!("the files of the scene cannot be read for it: {error}"))?;
@@ -51,7 +51,8 @@ impl RecordingDesk {
                 Ok((file, begun))
             }
             Err(error) => {
-                end(writer);
+                // Nothing is in it.
+                let _ = end(writer);
                 Err(match error {
                     StartError::Moved => format!("{error}; reset the world with it"),
                     error => error.to_string(),

@@ -10,8 +10,8 @@ use ambf_core::comm::{Hub, Middleware, Rates};
 use ambf_core::device::host::DeviceHost;
 use ambf_core::scene::{load_with_progress, Loaded, Progress, SceneFiles, SceneOptions, SceneReport};
 use ambf_core::sim::{
-    Event, LossCause, Models, Playback, ReplayEnd, ReplayEnded, ReplayError, ReplayPlan, Runner, RunnerOptions, Simulation,
-    DEFAULT_SUB_STEP,
+    Event, LossCause, Models, Playback, ReplayEnd, ReplayEnded, ReplayError, ReplayPlan, Runner, RunnerOptions,
+    Simulation, DEFAULT_SUB_STEP,
 };
 use ambf_recording::{Header, LaterHeader, RecordError, RecordingError, Replay, ReplayFailure, Writer};
 use crossbeam_channel::RecvTimeoutError;
@@ -536,7 +536,8 @@ impl Replayed {
             ReplayEnd::Left => format!("{file} is left"),
             _ => format!("{file} is over"),
         };
-        let where_it_is = format!("{updates} updates were replayed, to {sim_time} s, where the state has the hash {hash:016x}");
+        let where_it_is =
+            format!("{updates} updates were replayed, to {sim_time} s, where the state has the hash {hash:016x}");
         let then = match is_paused {
             true => "the simulation is paused: go on from here by resuming it (Ctrl+P in a window), or reset it",
             false => "from here on the simulation takes commands",

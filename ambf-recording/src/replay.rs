@@ -4,14 +4,12 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::time::Duration;
 
+use ambf_core::comm::Rates;
 use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use ambf_core::ids::{BodyId, JointId};
 use ambf_core::plugin::Command;
 use ambf_core::scene::SceneReport;
-use ambf_core::comm::Rates;
-use ambf_core::sim::{
-    playback, EarlyEnd, Entry, LostState, Playback, ReplayError, Replayed, Replayer, Simulation,
-};
+use ambf_core::sim::{playback, EarlyEnd, Entry, LostState, Playback, ReplayError, Replayed, Replayer, Simulation};
 use thiserror::Error;
 
 use crate::{reason, Header, Recording, RecordingError, STOPPED};

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use ambf_core::comm::{Hub, HubIndex, ObjectKind, PostError, RigidBodyCommand, StepError, StepOrder};
+use ambf_core::comm::{Activity, Hub, HubIndex, ObjectKind, PostError, RigidBodyCommand, StepError, StepOrder};
 use ambf_core::scene::{load, SceneFiles, SceneOptions};
 use ambf_core::sim::{
     ModelError, ReplayEnd, ReplayError, ReplayPlan, Runner, RunnerOptions, Simulation, WindowAnswer, WindowRequest,
@@ -70,8 +70,8 @@ impl Live {
 
     fn body(&self) -> HubIndex {
         let objects = self.hub.objects();
-        let mut bodies = objects.entries().filter(|(_, object)| matches!(object.info.kind, ObjectKind::RigidBody(..)));
-        bodies.next_back().expect("a body").0
+        let bodies = objects.entries().filter(|(_, object)| matches!(object.info.kind, ObjectKind::RigidBody(..)));
+        bodies.map(|(position, _)| position).last().expect("a body")
     }
 }
 
@@ -138,6 +138,7 @@ fn clients_pause_step_and_look_and_command_nothing() {
     assert_eq!(live.hub.post(live.body(), &push), Err(PostError::Replaying));
     live.hub.request_world_reset();
     control.set_paused(false);
+    wait("it is resumed", || live.hub.throttle().activity() != Activity::Paused);
     // Steps that are ordered are those of the recording.
     let order = |steps| StepOrder { steps, reset: false, patience: Duration::from_secs(60) };
     let first = live.hub.step(order(0), |_| Ok(())).expect("held").sim_step;
@@ -161,7 +162,7 @@ fn clients_pause_step_and_look_and_command_nothing() {
 fn it_is_left_where_it_is_said_and_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
     let (file, _) = recorded(folder.path(), true);
-    let plan = ReplayPlan { fast_until: 1.2, leave_at: Some(1.2), speed: 1e-3, ..ReplayPlan::default() };
+    let plan = ReplayPlan { fast_until: 1.1995, leave_at: Some(1.1995), speed: 1e-3, ..ReplayPlan::default() };
     let live = Live::start(&file, plan);
     wait("it is left", || live.runner.control().replay_ended().is_some());
     let ended = live.runner.control().replay_ended().expect("it is").clone();

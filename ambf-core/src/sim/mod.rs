@@ -30,8 +30,8 @@ pub use recordings::{Beginning, Recordings};
 pub use runner::{Control, Event, ReplayEnd, ReplayEnded, ReplayPlan, Runner, RunnerOptions};
 pub use saved::SavedState;
 pub use session::{
-    playback, recorder, CodeError, EarlyEnd, Entry, Feed, Playback, Recorder, ReplayError, Replayed, Replayer, StartError,
-    Tap, Unpacker, HASH_INTERVAL,
+    playback, recorder, CodeError, EarlyEnd, Entry, Feed, Playback, Recorder, ReplayError, Replayed, Replayer,
+    StartError, Tap, Unpacker, HASH_INTERVAL,
 };
 pub use slices::request_short_slices;
 pub use step_pool::{Batch, StepPool, Stepped, Steps};

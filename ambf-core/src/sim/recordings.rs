@@ -115,7 +115,8 @@ impl Simulation {
             checked => checked.err(),
         };
         if let Some(error) = refused {
-            return drop(answer.send(Err(error)));
+            let _ = answer.send(Err(error));
+            return;
         }
         match beginning {
             Beginning::NextReset if !self.is_at_start() => {
@@ -144,7 +145,9 @@ impl Simulation {
         let Some((recorder, waits)) = self.recordings.next.take() else { return };
         let begun = self.start_recording(*recorder);
         match (begun, waits) {
-            (begun, Some(waits)) => drop(waits.send(begun.map(|()| true))),
+            (begun, Some(waits)) => {
+                let _ = waits.send(begun.map(|()| true));
+            }
             (Ok(()), None) => self.notices.push("the recording begins, with this reset".into()),
             (Err(error), None) => self.notices.push(format!("the recording does not begin with this reset: {error}")),
         }
@@ -183,7 +186,10 @@ mod tests {
         let (recorder_of, mut tap) = recorder(false);
         assert_eq!(asked(&mut simulation, || recordings.start(recorder_of, Beginning::Reset)), Ok(true));
         let (refused, _) = recorder(false);
-        assert_eq!(asked(&mut simulation, || recordings.start(refused, Beginning::NextReset)), Err(StartError::Recorded));
+        assert_eq!(
+            asked(&mut simulation, || recordings.start(refused, Beginning::NextReset)),
+            Err(StartError::Recorded)
+        );
         simulation.update(0.001).expect("sound");
         assert_eq!(asked(&mut simulation, || recordings.stop()), Ok(true));
         assert_eq!(asked(&mut simulation, || recordings.stop()), Ok(false));
@@ -217,6 +223,9 @@ mod tests {
         assert_eq!(asked(&mut simulation, || recordings.stop()), Ok(true));
         simulation.switch_gravity(false);
         let (refused, _) = recorder(false);
-        assert_eq!(asked(&mut simulation, || recordings.start(refused, Beginning::NextReset)), Err(StartError::Changed));
+        assert_eq!(
+            asked(&mut simulation, || recordings.start(refused, Beginning::NextReset)),
+            Err(StartError::Changed)
+        );
     }
 }

@@ -160,11 +160,7 @@ impl Runner {
         Self::start_loop(simulation, options, Some((playback, plan)))
     }
 
-    fn start_loop(
-        simulation: Simulation,
-        options: RunnerOptions,
-        replayed: Option<(Playback, ReplayPlan)>,
-    ) -> Self {
+    fn start_loop(simulation: Simulation, options: RunnerOptions, replayed: Option<(Playback, ReplayPlan)>) -> Self {
         let control = Arc::new(Control::default());
         let (sender, events) = bounded(EVENTS);
         let loop_control = Arc::clone(&control);

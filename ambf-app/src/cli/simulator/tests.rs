@@ -380,13 +380,8 @@ fn words_without_an_option_are_files_only_for_check() {
 
 #[test]
 fn recordings_are_replayed_and_say_what_is_simulated() {
-    let whole = FollowedRecording {
-        file: "a.mcap".into(),
-        speed: 1.0,
-        from: 0.0,
-        continue_at: None,
-        changed_files: false,
-    };
+    let whole =
+        FollowedRecording { file: "a.mcap".into(), speed: 1.0, from: 0.0, continue_at: None, changed_files: false };
     assert_eq!(quiet(&["--replay", "a.mcap"]).replay, Some(whole.clone()));
     let options = quiet(&["--replay", "a.mcap", "-s", "0.5", "--replay-from", "3", "--changed-files"]);
     assert_eq!(options.replay, Some(FollowedRecording { speed: 0.5, from: 3.0, changed_files: true, ..whole.clone() }));

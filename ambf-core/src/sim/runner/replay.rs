@@ -155,7 +155,8 @@ impl PhysicsLoop {
         }
         let is_late = followed.clock.pass(self.control.speed() * followed.plan.speed);
         if is_late && !std::mem::replace(&mut followed.told_late, true) {
-            let why = "the replay is slower than asked for: the scene is too heavy for this computer; nothing is left out";
+            let why =
+                "the replay is slower than asked for: the scene is too heavy for this computer; nothing is left out";
             self.tell(Event::Notice(why.into()));
         }
         followed.clock.behind >= 0.0
