@@ -97,8 +97,9 @@ class Services(Recorded):
         answer = self.start_recording(str(file), True)
         self.assertFalse(answer.success)
         self.assertIn("not overwritten", answer.message)
-        answer = self.start_recording("/no/such/folder/a.mcap", True)
+        answer = self.start_recording(str(self.FILES[0] / "a.mcap"), True)
         self.assertFalse(answer.success, answer)
+        self.assertIn("flyer.yaml", answer.message)
 
     def test_while_a_client_steps(self):
         """A recording begins between the halves of an iteration, too."""
