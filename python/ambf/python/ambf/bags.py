@@ -96,8 +96,8 @@ class _Messages:
         self._joints = [simulation.body(index).joint_indices for index in range(len(simulation.bodies))]
         self._joint_names = [list(simulation.body(index).joints) for index in range(len(simulation.bodies))]
 
-    def _make(self, name: str, **fields: Any) -> Any:
-        return self._types[name](**fields)
+    def _make(self, type_name: str, /, **fields: Any) -> Any:
+        return self._types[type_name](**fields)
 
     def text(self, text: str) -> Any:
         """`std_msgs/String`."""
@@ -204,7 +204,9 @@ def write(
             if not times:
                 messages = _Messages(store, version, simulation)
                 names = [f"{topic(name)}/State" for name in simulation.bodies]
-                world = f"{topic(simulation.models[0].rpartition('/')[0])}/World/State"
+                # The environment is in the namespace of the world.
+                namespace = simulation.models[0].rpartition("/")[0]
+                world = topic(f"{namespace}/World") + "/State"
             time = simulation.sim_time
             while waiting and waiting[0][0] <= time:
                 at, text = waiting.pop(0)

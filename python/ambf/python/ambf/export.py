@@ -1,8 +1,8 @@
 """Data sets of recordings: the program `ambf_export`.
 
 A recording holds what entered a simulation; here it is replayed, and what a mapping asks for is written in a form that learning programs
-read. Nothing has to be decided while it is recorded. The forms need `pyarrow` (lerobot), `h5py` (robomimic) or `rosbags` (rosbag1, rosbag2),
-mappings `PyYAML`, videos the program `ffmpeg`; PyTorch, ROS and LeRobot need not be there.
+read. Nothing has to be decided while it is recorded. The forms need `pyarrow` (lerobot), `h5py` (robomimic) or `rosbags` (rosbag1 and
+rosbag2), mappings `PyYAML`, videos the program `ffmpeg`; PyTorch, ROS and LeRobot need not be there.
 """
 
 from __future__ import annotations
@@ -742,6 +742,28 @@ def _tasks_table(tasks: Sequence[str]) -> Any:
     return table.replace_schema_metadata({b"pandas": json.dumps(about).encode()})
 
 
+def _check_form(to: str, mapping: MappingOf) -> None:
+    """Whether a form can be written. Raises ExportError, BagError."""
+    if to not in FORMS:
+        raise ExportError(f"form {to!r}: expected one of {', '.join(FORMS)}")
+    if to == "mp4" and not mapping.images:
+        raise ExportError("mp4 needs a mapping with `images`")
+    if to.startswith("lerobot"):
+        _pyarrow()
+    if to.startswith("rosbag"):
+        bags.check()
+
+
+def _check_numbers(file: str, episodes: Sequence[Episode], names: Dict[str, List[str]]) -> None:
+    """Whether all episodes have as many numbers as the first, of `file`. Raises ExportError."""
+    for episode in episodes:
+        for name, values in episode.features.items():
+            if values.shape[1] != len(names[name]):
+                raise ExportError(
+                    f"{episode.file}: `{name}` has {values.shape[1]} numbers, in {file} {len(names[name])}"
+                )
+
+
 def export(
     files: Sequence[str],
     to: str,
@@ -758,19 +780,12 @@ def export(
 
     Raises ExportError, RecordingError.
     """
+    mapping = mapping or MappingOf()
     if notes and len(files) != 1:
         raise ExportError(f"notes are of one recording, and {len(files)} are exported: export them one by one")
-    if to not in FORMS:
-        raise ExportError(f"form {to!r}: expected one of {', '.join(FORMS)}")
     if out.exists():
         raise ExportError(f"{out} is there already; choose another folder or remove it")
-    mapping = mapping or MappingOf()
-    if to == "mp4" and not mapping.images:
-        raise ExportError("mp4 needs a mapping with `images`")
-    if to.startswith("lerobot"):
-        _pyarrow()
-    if to.startswith("rosbag"):
-        bags.check()
+    _check_form(to, mapping)
     unfinished = out.with_name(out.name + ".unfinished")
     if unfinished.exists():
         raise ExportError(f"{unfinished} is there: another export writes it, or was killed; remove it then")
@@ -788,12 +803,7 @@ def export(
                 tell(f"warning: {episodes[-1].problem}")
         if not to.startswith("rosbag"):
             names = _names(files[0], mapping, changed_files)
-            for episode in episodes:
-                for name, values in episode.features.items():
-                    if values.shape[1] != len(names[name]):
-                        raise ExportError(
-                            f"{episode.file}: `{name}` has {values.shape[1]} numbers, in {files[0]} {len(names[name])}"
-                        )
+            _check_numbers(files[0], episodes, names)
             episodes = assign_splits(episodes, splits or {"train": 1.0})
             _write(unfinished, to, episodes, names, mapping, codec)
         shutil.rmtree(unfinished / ".videos", ignore_errors=True)
