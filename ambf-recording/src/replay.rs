@@ -254,7 +254,7 @@ impl Replay {
                 Ok(None) => return,
                 Err(error) => return feed.fail(error.to_string()),
             };
-            while let Err(waits) = feed.push(entry) {
+            while let Some(waits) = feed.push(entry) {
                 if feed.is_abandoned() {
                     return;
                 }

@@ -39,13 +39,13 @@ pub fn playback(replayer: Replayer) -> (Feed, Playback) {
 }
 
 impl Feed {
-    /// Hands the next entry over.
-    ///
-    /// # Errors
-    /// The entry, while there is no room for it.
-    pub fn push(&mut self, entry: Entry<'static>) -> Result<(), Entry<'static>> {
+    /// Hands the next entry over; gives it back while there is no room for it.
+    pub fn push(&mut self, entry: Entry<'static>) -> Option<Entry<'static>> {
         while self.used.pop().is_ok() {}
-        self.entries.push(entry).map_err(|rtrb::PushError::Full(entry)| entry)
+        match self.entries.push(entry) {
+            Ok(()) => None,
+            Err(rtrb::PushError::Full(entry)) => Some(entry),
+        }
     }
 
     /// Whether nobody follows any more.
