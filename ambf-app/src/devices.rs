@@ -67,6 +67,11 @@ pub fn open(launch: &Launch, options: &SimulatorOptions, simulation: &mut Simula
     (host, said)
 }
 
+/// No devices at all.
+pub fn none() -> DeviceHost {
+    DeviceHost::open(&[], &Drivers::default(), &HostOptions::default()).0
+}
+
 /// The entries that are asked for; what is not there is said.
 fn selected<'e>(
     listed: &'e [Option<InputDevice>],

@@ -20,6 +20,7 @@ pub mod doctor;
 pub mod launch;
 pub mod plugins;
 pub mod process;
+mod recordings;
 pub mod report;
 pub mod ros;
 pub mod simulator;

@@ -3,14 +3,17 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use ambf_core::bullet::SolverStatistics;
-use ambf_core::comm::{Middleware, Rates};
+use ambf_core::comm::{Hub, Middleware, Rates};
 use ambf_core::device::host::DeviceHost;
 use ambf_core::scene::{load_with_progress, Loaded, Progress, SceneFiles, SceneOptions, SceneReport};
-use ambf_core::sim::{Event, LossCause, Models, Runner, RunnerOptions, Simulation, DEFAULT_SUB_STEP};
-use ambf_recording::{RecordError, Writer};
+use ambf_core::sim::{
+    Event, LossCause, Models, Playback, ReplayEnd, ReplayEnded, ReplayError, ReplayPlan, Runner, RunnerOptions,
+    Simulation, DEFAULT_SUB_STEP,
+};
+use ambf_recording::{Header, LaterHeader, RecordError, RecordingError, Replay, ReplayFailure, Writer};
 use crossbeam_channel::RecvTimeoutError;
 use crtk::diagnostics::Board;
 use ros_node::OwnMaster;
@@ -18,9 +21,10 @@ use thiserror::Error;
 
 #[cfg(feature = "pictures")]
 use crate::cameras::CameraService;
-use crate::cli::{RosVersions, SimulatorOptions};
+use crate::cli::{FollowedRecording, RosVersions, SimulatorOptions};
 use crate::devices;
 use crate::launch::{self, LaunchError};
+use crate::recordings::RecordingDesk;
 use crate::report::{report_at, Level, RateLimit};
 use crate::ros::{DeviceReports, Extras, ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
 #[cfg(feature = "pictures")]
@@ -52,18 +56,33 @@ pub enum SimulatorError {
     /// Error when a recording is asked for and cannot be written.
     #[error("--record: {0}")]
     Record(#[from] RecordError),
+    /// Error when a recording cannot be read, or its scene cannot be loaded.
+    #[error("--replay: {0}")]
+    Recording(#[from] RecordingError),
+    /// Error when a recording has no beginning that can be replayed.
+    #[error("--replay: {0}")]
+    Replay(#[from] ReplayFailure),
+    /// Error when a replay could not go on, or was another motion, which was said when it was found.
+    #[error("--replay: {file} was not replayed to its end: {error}")]
+    Replayed {
+        /// The recording.
+        file: String,
+        /// Why.
+        error: ReplayError,
+    },
     /// Error when the physics thread ended by itself: a bug.
     #[error("the physics thread ended unexpectedly; this is a bug, please report it with the lines above")]
     Physics,
 }
 
 impl SimulatorError {
-    /// Exit status of the program: 255 for a launch file and 1 for windows, as in the C++ program, 2 for wrong usage, 1
-    /// for a bug.
+    /// Exit status of the program: 255 for a launch file and 1 for windows, as in the C++ program, 2 for wrong usage and
+    /// recordings that cannot be written or replayed, 4 for a replay that differs from its recording, 1 for a bug.
     pub fn status(&self) -> i32 {
         match self {
             Self::Launch(_) => 255,
-            Self::Usage(_) | Self::Record(_) => 2,
+            Self::Replayed { error: ReplayError::Differs { .. }, .. } => 4,
+            Self::Usage(_) | Self::Record(_) | Self::Recording(_) | Self::Replay(_) | Self::Replayed { .. } => 2,
             Self::Windows(_) | Self::Physics => 1,
         }
     }
@@ -86,13 +105,16 @@ pub fn run(options: &SimulatorOptions, arguments: RosArguments) -> Result<(), Si
     let begin = Instant::now();
     let has_windows = wants_windows != WindowsWanted::No;
     let arms = Board::default();
-    let LoadedSimulation { simulation, devices, load_report, writer } =
-        load_simulation(options, has_windows, &arms, &arguments)?;
+    let loaded = match &options.replay {
+        Some(recording) => load_recording(options, recording)?,
+        None => load_simulation(options, has_windows, &arms, &arguments)?,
+    };
+    let LoadedSimulation { simulation, devices, load_report, writer, header, playback } = loaded;
     if stop.load(Ordering::Acquire) {
         return Ok(());
     }
     print_summary(&simulation, begin.elapsed());
-    let wanted = Wanted { windows: wants_windows, load_report, arms, writer };
+    let wanted = Wanted { windows: wants_windows, load_report, arms, writer, header, playback };
     let outcome = serve(simulation, devices, options, wanted, arguments, &stop);
     report!("stopped");
     outcome
@@ -113,6 +135,57 @@ struct LoadedSimulation {
     load_report: String,
     /// Of the recording, if one is asked for.
     writer: Option<Writer>,
+    /// Of recordings that begin later.
+    header: std::io::Result<LaterHeader>,
+    /// What is replayed.
+    playback: Option<(Playback, ReplayPlan)>,
+}
+
+/// What recordings say that they were made by.
+const PROGRAM: &str = "ambf_simulator";
+
+/// Loads the scene of a recording, where that begins.
+fn load_recording(
+    options: &SimulatorOptions,
+    recording: &FollowedRecording,
+) -> Result<LoadedSimulation, SimulatorError> {
+    let since = SystemTime::now();
+    let mut replay = Replay::open(&recording.file)?;
+    replay.set_rates(rates(options));
+    let (mut simulation, found) = replay.load(recording.changed_files)?;
+    print_report(&found, options.verbose);
+    if let Some(problem) = replay.problem() {
+        warn!("--replay: {problem}");
+    }
+    let header = LaterHeader::of(&simulation, PROGRAM, since);
+    let record = |path: &PathBuf| Writer::start(path, &mut simulation, PROGRAM, false);
+    let writer = options.record.as_ref().map(record).transpose()?;
+    report!(
+        "replaying {}: {} updates to {:.3} s, by {}",
+        recording.file.display(),
+        replay.updates(),
+        replay.end_time(),
+        replay.header().program
+    );
+    let plan = ReplayPlan {
+        frequency: (1.0 / replay.mean_interval().max(1e-5)).max(1.0),
+        speed: recording.speed,
+        fast_until: recording.continue_at.unwrap_or(recording.from),
+        leave_at: recording.continue_at,
+    };
+    let playback = replay.play().map_err(|error| SimulatorError::Usage(format!("--replay: {error}")))?;
+    Ok(LoadedSimulation {
+        simulation,
+        devices: devices::none(),
+        load_report: found.to_string(),
+        writer,
+        header,
+        playback: Some((playback, plan)),
+    })
+}
+
+fn rates(options: &SimulatorOptions) -> Option<Rates> {
+    options.publish_frequency.map(|rates| Rates { min: rates.min, max: rates.max })
 }
 
 fn load_simulation(
@@ -126,9 +199,10 @@ fn load_simulation(
     let (files, skipped) = launch::scene_files(Some(&launch), None, &options.model_files, &options.model_indexes);
     skipped.iter().for_each(|problem| report!("{problem}"));
 
+    let since = SystemTime::now();
     let scene_options = SceneOptions {
         prefix: options.namespace.clone(),
-        rates: options.publish_frequency.map(|rates| Rates { min: rates.min, max: rates.max }),
+        rates: rates(options),
         physics,
         default_profile: None,
         is_one_of_many: false,
@@ -142,7 +216,16 @@ fn load_simulation(
     print_report(&found, options.verbose);
     let sub_step = scene.sub_step.unwrap_or(DEFAULT_SUB_STEP);
     let mut simulation = Simulation::new(scene, sub_step);
-    let record = |path: &PathBuf| Writer::start(path, &mut simulation, "ambf_simulator", false);
+    let header = LaterHeader::of(&simulation, PROGRAM, since);
+    let record = |path: &PathBuf| match options.record_from_reset {
+        false => Writer::start(path, &mut simulation, PROGRAM, false),
+        true => {
+            let header = Header::of(&simulation, PROGRAM).map_err(RecordError::Scene)?;
+            let (recorder, writer) = Writer::create(path, &header, false)?;
+            simulation.record_from_reset(recorder)?;
+            Ok(writer)
+        }
+    };
     let writer = options.record.as_ref().map(record).transpose()?;
     let (devices, said) = devices::open(&launch, options, &mut simulation);
     said.iter().for_each(|line| report!("{line}"));
@@ -154,7 +237,7 @@ fn load_simulation(
         seed: options.seed.map(u64::from),
     };
     plugins::load(&mut simulation, &launch.plugins, &options.plugins, crtk, options.verbose);
-    Ok(LoadedSimulation { simulation, devices, load_report: found.to_string(), writer })
+    Ok(LoadedSimulation { simulation, devices, load_report: found.to_string(), writer, header, playback: None })
 }
 
 /// Loads a scene; while that takes long, a line says every now and then how far it is.
@@ -183,6 +266,8 @@ struct Wanted {
     /// Arms that are offered to CRTK clients.
     arms: Board,
     writer: Option<Writer>,
+    header: std::io::Result<LaterHeader>,
+    playback: Option<(Playback, ReplayPlan)>,
 }
 
 fn print_report(found: &SceneReport, verbose: bool) {
@@ -221,7 +306,7 @@ fn serve(
     mut simulation: Simulation,
     mut devices: DeviceHost,
     options: &SimulatorOptions,
-    mut wanted: Wanted,
+    wanted: Wanted,
     arguments: RosArguments,
     stop: &AtomicBool,
 ) -> Result<(), SimulatorError> {
@@ -229,6 +314,9 @@ fn serve(
     let models = simulation.models();
     let link = simulation.window_link();
     let host = Arc::new(Host(models.clone()));
+    let desk = Arc::new(RecordingDesk::new(simulation.recordings(), wanted.header, wanted.writer));
+    // Before anybody can command something.
+    hub.set_replaying(wanted.playback.is_some());
     // Clients of this simulator outlive it, and so does the master they need.
     let own_master = std::env::current_exe().map_or(OwnMaster::InProcess, OwnMaster::Program);
     let extras = Extras { clock: options.clock, tf: options.tf, devices: Arc::default(), arms: wanted.arms };
@@ -242,8 +330,12 @@ fn serve(
         report!("this program was built without ROS 2");
     }
     #[cfg(feature = "ros2")]
-    let mut ros2 = versions.has_two().then(|| Ros2Middleware::new(ros2_options).with_models(Arc::clone(&host) as _));
-    let mut ros = versions.has_one().then(|| RosMiddleware::new(ros_options).with_models(host));
+    let mut ros2 = versions.has_two().then(|| {
+        Ros2Middleware::new(ros2_options).with_models(Arc::clone(&host) as _).with_recordings(Arc::clone(&desk) as _)
+    });
+    let mut ros = versions
+        .has_one()
+        .then(|| RosMiddleware::new(ros_options).with_models(host).with_recordings(Arc::clone(&desk) as _));
     #[cfg(feature = "pictures")]
     let cameras = {
         let drawn = Drawn::default();
@@ -266,27 +358,31 @@ fn serve(
             warn!("ROS is not available: {error}; the simulation runs without");
         }
     }
-    let runner = Runner::start(
-        simulation,
-        RunnerOptions {
-            frequency: f64::from(options.physics_frequency),
-            fixed_step: options.fixed_physics_step,
-            speed_factor: options.speed_factor,
-        },
-    );
+    let runner_options = RunnerOptions {
+        frequency: f64::from(options.physics_frequency),
+        fixed_step: options.fixed_physics_step,
+        speed_factor: options.speed_factor,
+    };
+    let runner = match wanted.playback {
+        Some((playback, plan)) => Runner::replay(simulation, runner_options, playback, plan),
+        None => Runner::start(simulation, runner_options),
+    };
     let parts = WindowParts {
-        hub,
+        hub: Arc::clone(&hub),
         link,
         control: Arc::clone(runner.control()),
         models,
         load_report: wanted.load_report,
+        desk: Arc::clone(&desk),
         #[cfg(feature = "pictures")]
         cameras,
     };
     let outcome = Windows::start(wanted.windows, parts, &devices).and_then(|mut windows| {
-        let mut followed = Followed { devices: &mut devices, reports: &extras.devices, writer: wanted.writer.as_mut() };
+        let replayed = options.replay.as_ref().map(|recording| Replayed::new(recording, &hub));
+        let mut followed = Followed { devices: &mut devices, reports: &extras.devices, desk: &desk, replayed };
         follow(&runner, &mut followed, &mut windows, ros.as_ref(), stop)
     });
+    let replay_ended = runner.control().replay_ended().cloned();
     let simulation = runner.stop();
     devices.stop().iter().for_each(|line| report!("{line}"));
     if let Some(mut simulation) = simulation {
@@ -296,16 +392,7 @@ fn serve(
         }
     }
     // The simulation is gone, and with it the end of the recording that it wrote to.
-    if let Some(mut writer) = wanted.writer {
-        let told = writer.problem();
-        told.iter().for_each(|problem| warn!("{problem}"));
-        let summary = writer.finish();
-        match summary.problem {
-            Some(problem) if told.is_none() => warn!("{problem}"),
-            Some(_) => (),
-            None => report!("recorded {} updates in {}", summary.updates, summary.file.display()),
-        }
-    }
+    desk.finish();
     if let Some(ros) = &mut ros {
         ros.stop();
     }
@@ -313,7 +400,13 @@ fn serve(
     if let Some(ros2) = &mut ros2 {
         ros2.stop();
     }
-    outcome
+    outcome?;
+    match (replay_ended.map(|ended| ended.why), &options.replay) {
+        (Some(ReplayEnd::Failed(error)), Some(recording)) => {
+            Err(SimulatorError::Replayed { file: recording.file.display().to_string(), error })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The versions of ROS that `options` ask for, or the environment if they ask for none.
@@ -408,13 +501,58 @@ fn slow(cost: f64, period: f64) -> String {
 struct Followed<'a> {
     devices: &'a mut DeviceHost,
     reports: &'a DeviceReports,
-    writer: Option<&'a mut Writer>,
+    desk: &'a RecordingDesk,
+    replayed: Option<Replayed>,
+}
+
+/// What is said of a replay.
+struct Replayed {
+    file: String,
+    hub: Arc<Hub>,
+    told_refused: bool,
+    /// It was said that it has ended.
+    told_end: bool,
+}
+
+impl Replayed {
+    fn new(recording: &FollowedRecording, hub: &Arc<Hub>) -> Self {
+        let file = recording.file.display().to_string();
+        Self { file, hub: Arc::clone(hub), told_refused: false, told_end: false }
+    }
+
+    /// Says what has become of it.
+    fn follow(&mut self, ended: Option<&ReplayEnded>) {
+        if self.hub.has_refused() && !std::mem::replace(&mut self.told_refused, true) {
+            warn!(
+                "a command or reset is refused, because a recording is replayed; this is said once. --continue-at SECONDS leaves the                  recording there"
+            );
+        }
+        let Some(ended) = ended.filter(|_| !std::mem::replace(&mut self.told_end, true)) else { return };
+        let ReplayEnded { why, is_paused, updates, sim_time, hash } = ended;
+        let file = &self.file;
+        let what = match why {
+            ReplayEnd::Failed(error) => format!("--replay: {file}: {error}"),
+            ReplayEnd::Over(Some(problem)) => format!("--replay: {problem}"),
+            ReplayEnd::Left => format!("{file} is left"),
+            _ => format!("{file} is over"),
+        };
+        let where_it_is =
+            format!("{updates} updates were replayed, to {sim_time} s, where the state has the hash {hash:016x}");
+        let then = match is_paused {
+            true => "the simulation is paused: go on from here by resuming it (Ctrl+P in a window), or reset it",
+            false => "from here on the simulation takes commands",
+        };
+        match why {
+            ReplayEnd::Failed(_) | ReplayEnd::Over(Some(_)) => warn!("{what}; {where_it_is}; {then}"),
+            _ => report!("{what}; {where_it_is}; {then}"),
+        }
+    }
 }
 
 /// Prints what the physics thread has to say until the program should end.
 fn follow(
     runner: &Runner,
-    Followed { devices, reports, writer }: &mut Followed<'_>,
+    Followed { devices, reports, desk, replayed }: &mut Followed<'_>,
     windows: &mut Windows,
     ros: Option<&RosMiddleware>,
     stop: &AtomicBool,
@@ -427,8 +565,9 @@ fn follow(
             report!("{}", devices.line(news));
         }
         windows.show_devices(devices, &news);
-        if let Some(problem) = writer.as_mut().and_then(|writer| writer.problem()) {
-            warn!("{problem}");
+        desk.look_after();
+        if let Some(replayed) = replayed {
+            replayed.follow(runner.control().replay_ended());
         }
         if !devices.is_empty() {
             reports.set(devices.status());

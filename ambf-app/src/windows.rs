@@ -8,6 +8,7 @@ use ambf_core::sim::{Control, Models, WindowLink};
 
 #[cfg(feature = "pictures")]
 use crate::cameras::{CameraService, OffscreenCameras};
+use crate::recordings::RecordingDesk;
 use crate::report;
 use crate::simulator::SimulatorError;
 
@@ -32,6 +33,7 @@ pub(crate) struct WindowParts {
     pub models: Models,
     /// Problems of the files, one line each.
     pub load_report: String,
+    pub desk: Arc<RecordingDesk>,
     /// What makes pictures for ROS; `None` without ROS.
     #[cfg(feature = "pictures")]
     pub cameras: Option<CameraService>,
@@ -97,7 +99,7 @@ mod with {
         /// # Errors
         /// [`SimulatorError::Windows`] when windows are asked for and cannot be opened.
         pub fn start(wanted: WindowsWanted, parts: WindowParts, devices: &DeviceHost) -> Result<Self, SimulatorError> {
-            let WindowParts { hub, link, control, models, load_report, cameras } = parts;
+            let WindowParts { hub, link, control, models, load_report, desk, cameras } = parts;
             let has_cameras = cameras.is_some();
             let shared: SharedCameras = Arc::new(Mutex::new(cameras));
             let board = Arc::<DeviceBoard>::default();
@@ -122,6 +124,7 @@ mod with {
                 board: Arc::clone(&windows.board),
                 hook: has_cameras.then_some(hook),
                 load_report,
+                record: Some(Arc::new(move || desk.switch())),
                 say: Box::new(|said| match said.is_failure {
                     true => report_failure(format_args!("{}", said.text)),
                     false => print_line!("{}", said.text),

@@ -133,3 +133,145 @@ fn a_killed_program_leaves_a_readable_file() {
     assert!(replayed.stdout.contains("\"steps\":100"), "{}", replayed.stdout);
     assert!(replayed.stderr.contains("is not whole: its program was killed"), "{replayed:?}");
 }
+
+/// `ambf_simulator` without ROS and windows, in a folder.
+struct Live {
+    child: std::process::Child,
+    said: std::sync::mpsc::Receiver<String>,
+    all: Vec<String>,
+}
+
+impl Live {
+    fn start(folder: &Folder, arguments: &str) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_ambf_simulator"))
+            .args(["--no_ros", "-g", "0"])
+            .args(arguments.split_whitespace())
+            .current_dir(folder.path())
+            .env("AMBF_RESOURCES", resources())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("ambf_simulator runs");
+        let (sender, said) = std::sync::mpsc::channel();
+        let streams: [Box<dyn std::io::Read + Send>; 2] =
+            [Box::new(child.stdout.take().expect("piped")), Box::new(child.stderr.take().expect("piped"))];
+        for stream in streams {
+            let (sender, lines) = (sender.clone(), std::io::BufRead::lines(std::io::BufReader::new(stream)));
+            std::thread::spawn(move || lines.map_while(Result::ok).try_for_each(|line| sender.send(line)));
+        }
+        Self { child, said, all: Vec::new() }
+    }
+
+    /// Waits for a line that holds `part`.
+    fn until(&mut self, part: &str) -> String {
+        loop {
+            match self.said.recv_timeout(Duration::from_secs(60)) {
+                Ok(line) => {
+                    self.all.push(line.clone());
+                    if line.contains(part) {
+                        return line;
+                    }
+                }
+                Err(error) => panic!("{part}: {error}: {:#?}", self.all),
+            }
+        }
+    }
+
+    /// Ctrl+C; the exit status.
+    fn interrupt(mut self) -> Option<i32> {
+        let id = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-INT", &id]).status().expect("kill runs").success());
+        self.child.wait().expect("it ends").code()
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The hash of the last state of a recording, and how many updates it has.
+fn last_state(folder: &Folder, name: &str) -> (String, u64) {
+    let mut replay = ambf_recording::Replay::open(&folder.path().join(name)).expect("a recording");
+    let (mut simulation, _) = replay.load(false).expect("its scene");
+    while replay.step(&mut simulation).expect("the same") != ambf_recording::Step::End {}
+    (format!("{:016x}", simulation.state_hash()), replay.updates())
+}
+
+#[test]
+fn the_simulator_replays_to_the_same_state_bit_for_bit() {
+    for profile in ["legacy", "accurate"] {
+        let folder = folder();
+        folder.succeed(&format!("{} --profile {profile} --steps 2500 --trace a --record a.mcap", scene()));
+        let (hash, updates) = last_state(&folder, "a.mcap");
+        assert_eq!(updates, 2500);
+        let begin = Instant::now();
+        let mut live = Live::start(&folder, "--replay a.mcap -s 5 --record b.mcap");
+        assert!(live.until("replaying a.mcap").contains("2500 updates"));
+        let line = live.until("a.mcap is over");
+        assert!(begin.elapsed() > Duration::from_millis(450), "five times as fast as it was, not more");
+        assert!(line.contains(&hash) && line.contains("2500 updates") && line.contains("is paused"), "{line}: {hash}");
+        assert_eq!(live.interrupt(), Some(0));
+        // What was recorded of the replay is the same recording.
+        folder.succeed("--replay b.mcap --trace b");
+        assert_eq!(read(&folder, "a_bodies.csv"), read(&folder, "b_bodies.csv"));
+    }
+}
+
+#[test]
+fn the_simulator_goes_on_where_it_is_said() {
+    let folder = folder();
+    folder.succeed(&format!("{} --steps 2500 --record a.mcap", scene()));
+    let mut live = Live::start(&folder, "--replay a.mcap --continue-at 1.9995 -t 1 --record b.mcap");
+    let line = live.until("a.mcap is left");
+    assert!(line.contains("2000 updates") && line.contains("takes commands"), "{line}");
+    std::thread::sleep(Duration::from_millis(1000));
+    assert_eq!(live.interrupt(), Some(0));
+    // The recording of both is a recording.
+    let (_, updates) = last_state(&folder, "b.mcap");
+    assert!(updates > 2100, "{updates}");
+}
+
+#[test]
+fn the_simulator_names_another_motion_as_batch_runs_do() {
+    let folder = folder();
+    folder.succeed(&format!("{} --steps 2500 --record a.mcap", scene()));
+    folder.write("m.yaml", &MODEL.replace("mass: 2", "mass: 3"));
+    let mut live = Live::start(&folder, "--replay a.mcap -s 100");
+    live.until("m.yaml: has changed since the recording");
+    assert_eq!(live.child.wait().expect("it ends").code(), Some(2));
+    let mut live = Live::start(&folder, "--replay a.mcap -s 100 --changed-files");
+    let line = live.until("the replay differs from the recording: after iteration 1000 (");
+    assert!(line.contains("is paused"), "{line}");
+    assert_eq!(live.interrupt(), Some(4));
+}
+
+#[test]
+fn a_recording_that_is_cut_off_is_replayed_as_far_as_it_goes() {
+    let folder = folder();
+    folder.succeed(&format!("{} --steps 20000 --record a.mcap", scene()));
+    let whole = std::fs::read(folder.path().join("a.mcap")).expect("written");
+    std::fs::write(folder.path().join("b.mcap"), &whole[..whole.len() * 2 / 3]).expect("written");
+    let mut live = Live::start(&folder, "--replay b.mcap -s 1000");
+    live.until("is not whole");
+    live.until("is over");
+    assert_eq!(live.interrupt(), Some(0));
+    std::fs::write(folder.path().join("c.mcap"), &whole[..40]).expect("written");
+    let mut live = Live::start(&folder, "--replay c.mcap");
+    live.until("is no recording of AMBF");
+    assert_eq!(live.child.wait().expect("it ends").code(), Some(2));
+}
+
+#[test]
+fn a_recording_that_waits_for_a_reset_in_vain_leaves_no_file() {
+    let folder = folder();
+    let mut live = Live::start(&folder, "-a m.yaml --record a.mcap --record-from-reset");
+    live.until("loaded");
+    let id = live.child.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &id]).status().expect("kill runs").success());
+    live.until("a.mcap is not written");
+    assert_eq!(live.child.wait().expect("it ends").code(), Some(0));
+    assert!(!folder.exists("a.mcap"));
+}

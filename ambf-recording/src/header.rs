@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use ambf_core::bullet::{Gyroscopic, Integrator, Preset, Solver};
 use ambf_core::control::Profile;
@@ -48,11 +49,21 @@ impl Header {
     /// # Errors
     /// When a file cannot be read.
     pub fn of(simulation: &Simulation, program: &str) -> io::Result<Self> {
+        let mut header = Self::without_sums(simulation, program)?;
+        header.used.iter_mut().try_for_each(|file| {
+            file.sha256 = sha256(&file.path)?;
+            io::Result::Ok(())
+        })?;
+        Ok(header)
+    }
+
+    /// [`of`](Self::of), without what is in the files.
+    fn without_sums(simulation: &Simulation, program: &str) -> io::Result<Self> {
         let scene = simulation.scene();
         let (files, options) = scene.origin();
         let absolute = |path: &PathBuf| std::path::absolute(path);
         let used = scene.used_files();
-        let used = used.iter().map(|path| Ok(UsedFile { path: std::path::absolute(path)?, sha256: sha256(path)? }));
+        let used = used.iter().map(|path| Ok(UsedFile { path: absolute(path)?, sha256: String::new() }));
         Ok(Self {
             program: format!("{program} {}", ambf_version::VERSION),
             processor: processor(),
@@ -171,6 +182,40 @@ impl Header {
             sub_step: sub_step.ok_or_else(|| wrong("sub step", "a length above 0"))?,
             used: files.collect::<Result<_, _>>()?,
         })
+    }
+}
+
+/// What headers of recordings say that begin later, while the simulation is elsewhere.
+#[derive(Debug, Clone)]
+pub struct LaterHeader {
+    header: Header,
+    /// No file may have changed since.
+    since: SystemTime,
+}
+
+impl LaterHeader {
+    /// For recordings of `simulation` by `program`, whose scene was loaded not before `since`. Reads no file.
+    ///
+    /// # Errors
+    /// When there is no working directory.
+    pub fn of(simulation: &Simulation, program: &str, since: SystemTime) -> io::Result<Self> {
+        Ok(Self { header: Header::without_sums(simulation, program)?, since })
+    }
+
+    /// The header; reads all files.
+    ///
+    /// # Errors
+    /// When a file cannot be read, or has changed since it was loaded.
+    pub fn read(&self) -> io::Result<Header> {
+        let mut header = self.header.clone();
+        for file in &mut header.used {
+            if std::fs::metadata(&file.path)?.modified()? > self.since {
+                let path = file.path.display();
+                return Err(io::Error::other(format!("{path} has changed since it was loaded: restart the simulator")));
+            }
+            file.sha256 = sha256(&file.path)?;
+        }
+        Ok(header)
     }
 }
 

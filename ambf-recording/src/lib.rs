@@ -25,7 +25,7 @@ mod writer;
 
 use ambf_core::sim::EarlyEnd;
 
-pub use header::{Header, UsedFile};
+pub use header::{Header, LaterHeader, UsedFile};
 pub use reader::{Recording, RecordingError, Timed};
 pub use replay::{Replay, ReplayFailure, Step, Targets};
 pub use writer::{RecordError, Summary, Writer};

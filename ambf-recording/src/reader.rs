@@ -215,6 +215,10 @@ impl Recording {
         &self.header
     }
 
+    pub(crate) fn set_rates(&mut self, rates: Option<ambf_core::comm::Rates>) {
+        self.header.options.rates = rates;
+    }
+
     /// How the recording ended, once all entries were read: `stopped`; `overflow`, `too large`, `went back`, where it ended
     /// before it was to; `None`: its writer was killed or the file was cut off.
     pub fn end(&self) -> Option<&str> {

@@ -2,15 +2,20 @@
 
 use std::collections::HashMap;
 use std::path::Path;
+use std::time::Duration;
 
+use ambf_core::comm::Rates;
 use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use ambf_core::ids::{BodyId, JointId};
 use ambf_core::plugin::Command;
 use ambf_core::scene::SceneReport;
-use ambf_core::sim::{EarlyEnd, Entry, LostState, ReplayError, Replayed, Replayer, Simulation};
+use ambf_core::sim::{playback, EarlyEnd, Entry, LostState, Playback, ReplayError, Replayed, Replayer, Simulation};
 use thiserror::Error;
 
 use crate::{reason, Header, Recording, RecordingError, STOPPED};
+
+/// How often a thread that has read far enough ahead looks again.
+const FULL: Duration = Duration::from_millis(5);
 
 /// Why a replay does not go on.
 #[derive(Debug, Error)]
@@ -203,6 +208,11 @@ impl Replay {
         &self.notes
     }
 
+    /// Lets objects of the scene be published at other rates than their files say; before [`load`](Self::load).
+    pub fn set_rates(&mut self, rates: Option<Rates>) {
+        self.recording.set_rates(rates);
+    }
+
     /// Loads the scene, and brings it to where the recording begins; to be called once. `tolerant`: also when files of the
     /// scene have changed.
     ///
@@ -229,6 +239,31 @@ impl Replay {
             }
         }
         Ok(Step::End)
+    }
+
+    /// Hands what is left of the recording to a simulation that runs in real time: it is read ahead by a thread of its own.
+    ///
+    /// # Errors
+    /// When no thread can be made.
+    pub fn play(self) -> std::io::Result<Playback> {
+        let Self { mut recording, replayer, .. } = self;
+        let (mut feed, playback) = playback(replayer);
+        let read = move || loop {
+            let mut entry = match recording.next_entry() {
+                Ok(Some(timed)) => timed.entry,
+                Ok(None) => return,
+                Err(error) => return feed.fail(error.to_string()),
+            };
+            while let Some(waits) = feed.push(entry) {
+                if feed.is_abandoned() {
+                    return;
+                }
+                entry = waits;
+                std::thread::sleep(FULL);
+            }
+        };
+        std::thread::Builder::new().name("replay".into()).spawn(read)?;
+        Ok(playback)
     }
 
     fn apply(&mut self, simulation: &mut Simulation, entry: &Entry<'_>) -> Result<Replayed, ReplayFailure> {

@@ -143,6 +143,16 @@ impl Writer {
         problem
     }
 
+    /// Whether nothing more comes: the simulation records no more, or the recording has ended by itself.
+    pub fn is_over(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// Whether it has not ended before it was to.
+    pub fn is_whole(&self) -> bool {
+        self.status.problem.lock().is_none()
+    }
+
     /// Completes the file. The simulation must have stopped recording before, or what it does meanwhile is lost.
     pub fn finish(mut self) -> Summary {
         self.end();

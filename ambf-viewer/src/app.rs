@@ -153,17 +153,18 @@ pub(crate) struct Parts {
     pub devices: Arc<ambf_core::device::host::Controls>,
     pub board: Arc<crate::DeviceBoard>,
     hook: Option<Box<crate::FrameHook>>,
+    record: Option<Arc<crate::RecordSwitch>>,
     say: Box<dyn Fn(&Said) + Send>,
 }
 
 impl App {
     pub fn new(parts: ViewerParts, shared: Arc<Shared>, ready: Sender<Result<(), String>>) -> Self {
         let now = Instant::now();
-        let ViewerParts { hub, link, control, models, devices, board, hook, load_report, say } = parts;
+        let ViewerParts { hub, link, control, models, devices, board, hook, record, load_report, say } = parts;
         hub.set_listening();
         Self {
             outbox: Outbox::new(link),
-            parts: Parts { hub, control, models, devices, board, hook, say },
+            parts: Parts { hub, control, models, devices, board, hook, record, say },
             shared,
             ready: Some(ready),
             windows: Vec::new(),

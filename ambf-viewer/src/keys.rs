@@ -35,6 +35,7 @@ pub(crate) enum Action {
     FitCamera,
     Screenshot,
     Video,
+    Record,
 }
 
 /// Which of the three modifiers count: exactly one, or none.
@@ -76,6 +77,7 @@ pub(crate) fn action(key: KeyCode, modifiers: ModifiersState) -> Option<Action> 
         (Held::Control, K::KeyM) => Action::Video,
         (Held::Shift, K::KeyN) => Action::NormalMaps,
         (Held::Shift, K::KeyV) => Action::FrameOfPicked,
+        (Held::Shift, K::KeyR) => Action::Record,
         (Held::Alt, K::KeyR) => Action::ResetWorld,
         (Held::Alt, K::Digit1) => Action::Panel(0),
         (Held::Alt, K::Digit2) => Action::Panel(1),
@@ -143,6 +145,7 @@ pub(crate) const HELP: &[(&str, &str)] = &[
     ("F1, Alt+1 … Alt+8", "panels: all of them, a single one"),
     ("Ctrl+F", "camera: fit the scene into the window"),
     ("Ctrl+S, Ctrl+M", "save a picture, a video of this window"),
+    ("Shift+R", "begin a recording, at the latest with the next reset of the world; end it"),
     ("n", "next mode of the device buttons"),
     ("c, w", "hands turn tools in the camera's frame, in the world's"),
     ("t", "gripping assist"),
@@ -289,6 +292,7 @@ mod tests {
         assert_eq!(action(KeyCode::KeyP, CONTROL | SHIFT), Some(Action::Picking), "combinations count as none");
         assert_eq!(action(KeyCode::KeyR, NONE), None);
         assert_eq!(action(KeyCode::KeyR, ModifiersState::ALT), Some(Action::ResetWorld));
+        assert_eq!(action(KeyCode::KeyR, SHIFT), Some(Action::Record));
         assert_eq!(action(KeyCode::KeyR, ModifiersState::SUPER), None);
         assert_eq!(action(KeyCode::KeyV, ModifiersState::SUPER), Some(Action::Frames));
     }

@@ -44,6 +44,9 @@ use winit::platform::x11::EventLoopBuilderExtX11;
 /// What it puts into the markers of the stage stays there and is drawn from the next frame on.
 pub type FrameHook = dyn FnMut(&mut Renderer, &mut Stage, &Arc<VisualScene>, &Arc<Snapshot>) + Send;
 
+/// Begins a recording or ends it; a sentence.
+pub type RecordSwitch = dyn Fn() -> Result<String, String> + Send + Sync;
+
 /// How long the start waits for the window system.
 const START_TIMEOUT: Duration = Duration::from_secs(60);
 /// How long the end waits for the thread with the windows.
@@ -67,6 +70,8 @@ pub struct ViewerParts {
     pub board: Arc<DeviceBoard>,
     /// Called after each frame; `None`: nothing is.
     pub hook: Option<Box<FrameHook>>,
+    /// Begins a recording, or ends it, and says so, or why not; it may take long. `None`: the key for it does nothing.
+    pub record: Option<Arc<RecordSwitch>>,
     /// Problems of the files that were loaded, one line each, for the panel that shows them.
     pub load_report: String,
     /// Says something to the user.

@@ -43,7 +43,9 @@ SERVICES = {
     "AddModel": "f5bd0122d8d7f607648fac2661ce032e",
     "ListModels": "ff08cbe897983592b3543e831685aaec",
     "RemoveModel": "6b1b98e3880995cce04976ee2d7995e8",
+    "StartRecording": "3ee2846f09ac2bd5e5b041e7b0956bca",
     "Step": "ebe26e09d74f794e63141d69f616e688",
+    "StopRecording": "d6bdf58d6a2102479e8c2b5401f43a85",
 }
 
 

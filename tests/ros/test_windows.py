@@ -6,6 +6,7 @@ import ctypes
 import json
 import math
 import os
+import pathlib
 import subprocess
 import time
 import unittest
@@ -498,6 +499,24 @@ class OneWindow(Windowed):
         self.display.key(window, "alt+2")
         self.display.key(window, "q")
         self.assertEqual(self.simulator.status(), 0, self.simulator.log())
+
+    def test_a_key_begins_a_recording_with_the_next_reset_and_ends_it(self):
+        self.wait_for_windows(1)
+        window = "AMBF Simulator Window 1"
+        self.pass_time(0.1)
+        self.display.key(window, "shift+r")
+        line = self.wait_for_log("is recorded from the next reset of the world on")
+        file = pathlib.Path(line[line.index("ambf_") :].split(" ", maxsplit=1)[0])
+        self.addCleanup(file.unlink, missing_ok=True)
+        self.display.key(window, "alt+r")
+        self.wait_for_log("the recording begins, with this reset")
+        self.pass_time(0.2)
+        self.display.key(window, "shift+r")
+        self.wait_for_log(f"updates in {file}")
+        batch = harness.simulator_path().with_name("ambf_batch")
+        done = subprocess.run([batch, "--replay", file, "--json"], capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertGreater(json.loads(done.stdout)["sim_s"], 0.2)
 
     def test_a_display_that_goes_away_leaves_the_simulation_alone(self):
         self.wait_for_windows(1)

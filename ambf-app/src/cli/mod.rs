@@ -11,7 +11,7 @@ mod simulator;
 mod values;
 
 pub use batch::{BatchOptions, PictureOptions, ReplayOptions};
-pub use simulator::{DeviceSelection, PublishFrequency, RosVersions, SimulatorOptions};
+pub use simulator::{DeviceSelection, FollowedRecording, PublishFrequency, RosVersions, SimulatorOptions};
 
 use std::path::PathBuf;
 

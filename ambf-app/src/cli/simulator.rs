@@ -66,10 +66,30 @@ pub struct SimulatorOptions {
     pub physics: PhysicsOptions,
     /// Recording to write; `None`: none.
     pub record: Option<PathBuf>,
+    /// Whether it begins with the first reset of the world instead of at the start; default: `false`.
+    pub record_from_reset: bool,
+    /// Recording to replay instead of simulating the models that are named; `None`: simulate.
+    pub replay: Option<FollowedRecording>,
     /// Files to check instead of simulating; `None`: simulate.
     pub check: Option<CheckOptions>,
     /// Whether to say what this machine can do, instead of simulating; default: `false`.
     pub doctor: bool,
+}
+
+/// A recording, and how it is followed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FollowedRecording {
+    /// Its file.
+    pub file: PathBuf,
+    /// Simulated seconds per second on the clock, above 0; default: 1.
+    pub speed: f64,
+    /// Simulated time up to which it goes as fast as it can, s; default: 0.
+    pub from: f64,
+    /// Simulated time, s, from which on clients and users move the simulation; up to there it goes as fast as it can. `None`
+    /// (default): all of it is replayed, then the simulation pauses.
+    pub continue_at: Option<f64>,
+    /// Whether files of the scene may have changed; default: `false`.
+    pub changed_files: bool,
 }
 
 /// Versions of ROS.
@@ -190,6 +210,7 @@ Examples:
   ambf_simulator -g false -l 1,3
   ambf_simulator -g 0 -a robot.yaml,table.yaml -p 2000
   ambf_simulator -g 0 -t 1 -p 1000 --ns /left --launch_file launch.yaml
+  ambf_simulator --replay run.mcap -s 0.5 --replay-from 12
   ambf_simulator --check robot.yaml world.yaml"
 )]
 struct Arguments {
@@ -224,7 +245,7 @@ struct Arguments {
     #[arg(short = 't', long = "fixed_phx_timestep", value_name = "BOOL", default_value = "false", value_parser = boolean)]
     #[arg(help_heading = "Time", action = clap::ArgAction::Set)]
     fixed_physics_step: bool,
-    /// Factor on the fixed physics interval
+    /// Factor on the fixed physics interval; with --replay: on the speed of the recording
     #[arg(short = 's', long = "sim_speed_factor", value_name = "FACTOR", default_value = "1", value_parser = positive)]
     #[arg(help_heading = "Time")]
     speed_factor: f64,
@@ -293,6 +314,21 @@ struct Arguments {
     /// Write a recording, from which the run can be made again
     #[arg(long, value_name = "FILE", help_heading = "Recordings")]
     record: Option<PathBuf>,
+    /// Begin it with the first reset of the world
+    #[arg(long = "record-from-reset", requires = "record", help_heading = "Recordings")]
+    record_from_reset: bool,
+    /// Replay a recording in real time, with topics, pictures and windows; what others command is refused meanwhile
+    #[arg(long, value_name = "FILE", help_heading = "Recordings")]
+    replay: Option<PathBuf>,
+    /// Replay it as fast as it goes up to this simulated time, in real time from there
+    #[arg(long = "replay-from", value_name = "SECONDS", value_parser = positive, help_heading = "Recordings")]
+    replay_from: Option<f64>,
+    /// Replay it as fast as it goes up to this simulated time, and take commands from there on
+    #[arg(long = "continue-at", value_name = "SECONDS", value_parser = positive, help_heading = "Recordings")]
+    continue_at: Option<f64>,
+    /// Replay also when files of the scene have changed since
+    #[arg(long = "changed-files", help_heading = "Recordings")]
+    changed_files: bool,
 
     /// Print more about loading and running
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, help_heading = None)]
@@ -312,6 +348,24 @@ struct Arguments {
 }
 
 impl Arguments {
+    /// A sentence for each option that says what a recording says.
+    fn unused_in_replays(&self) -> impl Iterator<Item = String> {
+        let named = [
+            (self.model_indexes.is_some(), "-l"),
+            (self.model_files.is_some(), "-a"),
+            (self.plugins.is_some(), "--plugins"),
+            (self.crtk.is_some(), "--crtk"),
+            (self.seed.is_some(), "--seed"),
+            (self.device_count > 0, "-n"),
+            (self.device_indexes.is_some(), "-i"),
+            (!self.ns.is_empty(), "--ns"),
+            (self.physics != PhysicsOptions::default(), "the solver and profile"),
+            (self.record_from_reset, "--record-from-reset"),
+        ];
+        let named = named.into_iter().filter(|(is_named, _)| *is_named);
+        named.map(|(_, option)| format!("{option}: ignored, because the recording of --replay says what is simulated"))
+    }
+
     fn into_options(self, files: Vec<PathBuf>, notes: &mut Vec<String>) -> SimulatorOptions {
         let mut numbers = |option: &str, text: &str| {
             let (indexes, others) = indexes(text);
@@ -330,8 +384,25 @@ impl Arguments {
             Some(text) if !text.is_empty() => DeviceSelection::Indexes(numbers("-i", text)),
             _ => DeviceSelection::First(self.device_count),
         };
+        if self.replay.is_some() {
+            notes.extend(self.unused_in_replays());
+        } else if self.replay_from.is_some() || self.continue_at.is_some() || self.changed_files {
+            notes.push(
+                "--replay-from, --continue-at and --changed-files have an effect only with --replay and are ignored"
+                    .to_owned(),
+            );
+        }
+        let replay = self.replay.map(|file| FollowedRecording {
+            file,
+            speed: self.speed_factor,
+            from: self.replay_from.unwrap_or(0.0),
+            continue_at: self.continue_at,
+            changed_files: self.changed_files,
+        });
         let speed_factor = if self.fixed_physics_step || self.speed_factor == 1.0 {
             self.speed_factor
+        } else if replay.is_some() {
+            1.0
         } else {
             notes.push("--sim_speed_factor has an effect only with -t 1 and is ignored".to_owned());
             1.0
@@ -371,6 +442,8 @@ impl Arguments {
             verbose: self.verbose,
             physics: self.physics,
             record: self.record,
+            record_from_reset: self.record_from_reset,
+            replay,
             check,
             doctor: self.doctor,
         }

@@ -23,7 +23,9 @@ mod generated {
         ambf_msgs / SensorState,
         ambf_msgs / SoftBodyCmd,
         ambf_msgs / SoftBodyState,
+        ambf_msgs / StartRecording,
         ambf_msgs / Step,
+        ambf_msgs / StopRecording,
         ambf_msgs / Timing,
         ambf_msgs / VehicleCmd,
         ambf_msgs / VehicleState,
@@ -171,6 +173,8 @@ mod tests {
         check::<ambf_msgs::VolumeCmd>("ambf_msgs/VolumeCmd", "e6a542c8ed43a7763c2652788bb84090");
         check::<ambf_msgs::AddModel>("ambf_msgs/AddModel", "f5bd0122d8d7f607648fac2661ce032e");
         check::<ambf_msgs::ListModels>("ambf_msgs/ListModels", "ff08cbe897983592b3543e831685aaec");
+        check::<ambf_msgs::StartRecording>("ambf_msgs/StartRecording", "3ee2846f09ac2bd5e5b041e7b0956bca");
+        check::<ambf_msgs::StopRecording>("ambf_msgs/StopRecording", "d6bdf58d6a2102479e8c2b5401f43a85");
         check::<ambf_msgs::Step>("ambf_msgs/Step", "ebe26e09d74f794e63141d69f616e688");
         check::<ambf_msgs::RemoveModel>("ambf_msgs/RemoveModel", "6b1b98e3880995cce04976ee2d7995e8");
         assert!(ambf_msgs::RigidBodyState::msg_definition().contains("geometry_msgs/Twist twist"));

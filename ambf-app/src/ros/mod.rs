@@ -24,6 +24,7 @@ mod parameters;
 mod pictures;
 mod point_cloud;
 mod received;
+mod recordings;
 #[cfg(feature = "ros2")]
 mod ros2;
 mod ros_args;
@@ -51,6 +52,7 @@ pub(crate) use pictures::PictureTopic;
 #[cfg(feature = "pictures")]
 pub use pictures::{CameraTopics, PictureTopics};
 pub use point_cloud::{PointCloud, PointClouds};
+pub use recordings::{RecordHost, RecordReply};
 #[cfg(feature = "ros2")]
 pub use ros2::{ArmTopics, Ros2Middleware, Ros2Options};
 pub use ros_args::ArgumentError;
@@ -118,6 +120,7 @@ pub struct RosMiddleware {
     options: RosOptions,
     clouds: Arc<PointClouds>,
     models: Option<Arc<dyn ModelHost>>,
+    recordings: Option<Arc<dyn RecordHost>>,
     #[cfg(feature = "pictures")]
     pictures: Option<Arc<PictureTopics>>,
     running: Option<Running>,
@@ -139,6 +142,7 @@ impl RosMiddleware {
             options,
             clouds: Arc::default(),
             models: None,
+            recordings: None,
             #[cfg(feature = "pictures")]
             pictures: None,
             running: None,
@@ -148,6 +152,12 @@ impl RosMiddleware {
     /// Offers services with which clients add, remove and list models through `host`. Default: there are none.
     pub fn with_models(mut self, host: Arc<dyn ModelHost>) -> Self {
         self.models = Some(host);
+        self
+    }
+
+    /// Offers services with which clients begin and end recordings through `host`. Default: there are none.
+    pub fn with_recordings(mut self, host: Arc<dyn RecordHost>) -> Self {
+        self.recordings = Some(host);
         self
     }
 
@@ -209,6 +219,7 @@ impl Middleware for RosMiddleware {
             #[cfg(feature = "pictures")]
             pictures: self.pictures.clone(),
             models: self.models.clone(),
+            recordings: self.recordings.clone(),
             steppables: Arc::default(),
             arguments: arguments.clone(),
             #[cfg(feature = "ros2")]

@@ -214,6 +214,7 @@ mod tests {
             extras: Extras::default(),
             frames: None,
             models,
+            recordings: None,
             steppables: Arc::default(),
             arguments: RosArguments::default(),
             #[cfg(feature = "ros2")]

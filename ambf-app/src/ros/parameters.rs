@@ -253,7 +253,10 @@ impl<P: OnServer> Watched<P> {
         let asked_for = values.clone();
         values.fill_in();
         if let Err(error) = post(self.object.object, &values) {
-            report!("ROS: parameters of {}: {error}", self.object.name);
+            // That a recording is replayed is said once, for all.
+            if error != PostError::Replaying {
+                report!("ROS: parameters of {}: {error}", self.object.name);
+            }
             return Ok(());
         }
         self.object.parent.set(values.parent_name());

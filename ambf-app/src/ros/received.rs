@@ -61,6 +61,7 @@ impl Wire<'_> {
 }
 
 impl FromClient for ambf_msgs::ListModelsReq {}
+impl FromClient for ambf_msgs::StopRecordingReq {}
 impl FromClient for std_msgs::Empty {}
 impl FromClient for std_msgs::Float32 {}
 
@@ -79,6 +80,13 @@ impl FromClient for ambf_msgs::AddModelReq {
 impl FromClient for ambf_msgs::RemoveModelReq {
     fn walk(wire: &mut Wire<'_>) -> Option<()> {
         wire.array(1)
+    }
+}
+
+impl FromClient for ambf_msgs::StartRecordingReq {
+    fn walk(wire: &mut Wire<'_>) -> Option<()> {
+        wire.array(1)?;
+        wire.skip(BOOL)
     }
 }
 
@@ -198,6 +206,7 @@ mod tests {
     fn bytes_that_are_no_request_are_refused() {
         check(&ambf_msgs::AddModelReq { file: "car.yaml".into() }, &[0]);
         check(&ambf_msgs::RemoveModelReq { model: "car".into() }, &[0]);
+        check(&ambf_msgs::StartRecordingReq { file: "a.mcap".into(), reset: true }, &[0]);
         let step = ambf_msgs::StepReq {
             body_names: vec!["/e/box".into()],
             body_commands: vec![ambf_msgs::RigidBodyCmd { joint_cmds: vec![1.0], ..Default::default() }],
@@ -231,6 +240,7 @@ mod tests {
             let _ = read::<ambf_msgs::GhostObjectCmd>(&bytes);
             let _ = read::<ambf_msgs::SoftBodyCmd>(&bytes);
             let _ = read::<ambf_msgs::AddModelReq>(&bytes);
+            let _ = read::<ambf_msgs::StartRecordingReq>(&bytes);
             let _ = read::<ambf_msgs::StepReq>(&bytes);
             let _ = read::<sensor_msgs::PointCloud>(&bytes);
         }

@@ -140,6 +140,9 @@ pub enum PostError {
     /// Error when so many commands of volumes wait that there is no room for another one.
     #[error("too many commands of volumes wait to be executed; this one is ignored")]
     Full,
+    /// Error when a recording is replayed, in which nobody else moves anything.
+    #[error("a recording is replayed: commands and resets of others have no effect until it is over or left")]
+    Replaying,
 }
 
 /// Resets that are requested.
@@ -174,6 +177,10 @@ pub struct Hub {
     reset_bodies: AtomicBool,
     start: Instant,
     cuts: Cuts,
+    /// A recording is replayed.
+    replaying: AtomicBool,
+    /// Something was refused for that.
+    refused: AtomicBool,
 }
 
 impl Hub {
@@ -197,15 +204,45 @@ impl Hub {
             reset_bodies: AtomicBool::new(false),
             start: Instant::now(),
             cuts: Cuts::default(),
+            replaying: AtomicBool::new(false),
+            refused: AtomicBool::new(false),
         }
+    }
+
+    /// Says that a recording is replayed, or no longer: meanwhile commands and resets of others are refused. Steps and
+    /// throttling are not.
+    pub fn set_replaying(&self, replaying: bool) {
+        self.replaying.store(replaying, Ordering::Release);
+    }
+
+    /// Whether a recording is replayed.
+    pub fn is_replaying(&self) -> bool {
+        self.replaying.load(Ordering::Acquire)
+    }
+
+    /// Whether something that moves the simulation is to be refused now, which is remembered.
+    pub(crate) fn refuses(&self) -> bool {
+        let refuses = self.is_replaying();
+        if refuses {
+            self.refused.store(true, Ordering::Release);
+        }
+        refuses
+    }
+
+    /// Whether something was refused because a recording is replayed.
+    pub fn has_refused(&self) -> bool {
+        self.refused.load(Ordering::Acquire)
     }
 
     /// Leaves a command of a volume: executed before the next update, after those that came before it. A reset of the
     /// world that is asked for later forgets it.
     ///
     /// # Errors
-    /// [`PostError::Full`].
+    /// [`PostError::Full`], [`PostError::Replaying`].
     pub fn post_volume(&self, volume: VolumeId, command: VolumeCommand) -> Result<(), PostError> {
+        if self.refuses() {
+            return Err(PostError::Replaying);
+        }
         self.cuts.post(volume, command).then_some(()).ok_or(PostError::Full)
     }
 
@@ -328,7 +365,7 @@ impl Hub {
     /// never read.
     ///
     /// # Errors
-    /// [`PostError::NotFinite`].
+    /// [`PostError::NotFinite`], [`PostError::Replaying`].
     pub fn post<C: Command>(&self, object: HubIndex, command: &C) -> Result<(), PostError> {
         self.post_for(object, command, 0)
     }
@@ -342,6 +379,9 @@ impl Hub {
         }
         if target.is_removed() {
             return Ok(());
+        }
+        if self.refuses() {
+            return Err(PostError::Replaying);
         }
         let (mailbox, now) = (C::mailbox(&target.channel), self.now_ns());
         match order {
@@ -363,14 +403,22 @@ impl Hub {
     }
 
     /// Asks for a [reset of the world](crate::sim::Simulation::reset_world) before the next step; honoured also while
-    /// paused or throttled. Commands that were posted before are forgotten, those that come later are not.
+    /// paused or throttled. Commands that were posted before are forgotten, those that come later are not. While a
+    /// recording is replayed it is refused.
     pub fn request_world_reset(&self) {
+        if self.refuses() {
+            return;
+        }
         self.reset_world.ask();
         self.throttle.wake();
     }
 
-    /// Asks for a reset of the rigid bodies before the next step; honoured also while paused or throttled.
+    /// Asks for a reset of the rigid bodies before the next step; honoured also while paused or throttled. While a
+    /// recording is replayed it is refused.
     pub fn request_body_reset(&self) {
+        if self.refuses() {
+            return;
+        }
         self.reset_bodies.store(true, Ordering::Release);
         self.throttle.wake();
     }
@@ -433,6 +481,24 @@ mod tests {
         let error = hub.post(HubIndex(0), &command).unwrap_err();
         assert!(error.to_string().contains("Box0"), "{error}");
         hub.objects().take_pending(|_| panic!("nothing was posted"));
+    }
+
+    #[test]
+    fn while_a_recording_is_replayed_commands_and_resets_are_refused() {
+        let hub = hub(1);
+        hub.set_replaying(true);
+        assert!(!hub.has_refused());
+        let command = RigidBodyCommand::default();
+        assert_eq!(hub.post(HubIndex(0), &command), Err(PostError::Replaying));
+        assert_eq!(hub.post_volume(VolumeId::new(0), VolumeCommand::Restore), Err(PostError::Replaying));
+        hub.request_world_reset();
+        hub.request_body_reset();
+        assert!(hub.has_refused() && !hub.reset_requested());
+        hub.objects().take_pending(|_| panic!("nothing was posted"));
+        hub.set_replaying(false);
+        hub.post(HubIndex(0), &command).expect("it is over");
+        hub.request_body_reset();
+        assert!(hub.reset_requested());
     }
 
     #[test]

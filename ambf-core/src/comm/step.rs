@@ -82,6 +82,9 @@ impl Hub {
     ) -> Result<Arc<Snapshot>, StepError> {
         let mut orders = self.turn.lock();
         *orders += 1;
+        if order.reset && self.refuses() {
+            return Err(PostError::Replaying.into());
+        }
         let throttle = self.throttle();
         if throttle.activity() == Activity::Paused && !order.reset {
             return Err(self.why_paused());

@@ -325,6 +325,24 @@ impl Simulation {
         self.check_state()
     }
 
+    /// Whether a recording is replayed, in which others move nothing.
+    pub(super) fn is_replaying(&self) -> bool {
+        self.link.as_ref().is_some_and(|link| link.hub.is_replaying())
+    }
+
+    /// [`is_replaying`](Self::is_replaying) when somebody wants to move something, which is said to the user.
+    pub(super) fn refuses(&self) -> bool {
+        self.link.as_ref().is_some_and(|link| link.hub.refuses())
+    }
+
+    /// Ends a replay: from now on others move the simulation, which holds nothing for a user who is not there.
+    pub(super) fn end_replay(&mut self) {
+        self.release_picked();
+        if let Some(link) = &self.link {
+            link.hub.set_replaying(false);
+        }
+    }
+
     /// Whether states go anywhere.
     pub(super) fn is_listened_to(&self) -> bool {
         self.link.as_ref().is_some_and(|link| link.hub.is_listening())

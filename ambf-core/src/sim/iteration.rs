@@ -54,6 +54,7 @@ impl Simulation {
 
     fn advance_anew(&mut self, interval: f64) -> Result<(), LostState> {
         self.physics.uncount_update();
+        self.begin_waiting_recording();
         self.advance(interval)
     }
 
@@ -88,7 +89,9 @@ impl Simulation {
         if interval.is_nan() || interval <= 0.0 {
             return Ok(());
         }
-        self.do_plugin_resets();
+        if self.do_plugin_resets() == Some(Reset::World) {
+            self.begin_waiting_recording();
+        }
         self.execute_posted();
         self.physics.begin_update(interval);
         self.drive_devices();

@@ -10,6 +10,7 @@ mod models;
 mod nearness;
 mod physics;
 mod plugins;
+mod recordings;
 mod runner;
 mod saved;
 mod session;
@@ -25,11 +26,12 @@ pub use history::Timeline;
 pub use losses::LossCause;
 pub use models::{AddedModel, ModelError, Models, ANSWER_TIMEOUT};
 pub use nearness::Nearness;
-pub use runner::{Control, Event, Runner, RunnerOptions};
+pub use recordings::{Beginning, Recordings};
+pub use runner::{Control, Event, ReplayEnd, ReplayEnded, ReplayPlan, Runner, RunnerOptions};
 pub use saved::SavedState;
 pub use session::{
-    recorder, CodeError, EarlyEnd, Entry, Recorder, ReplayError, Replayed, Replayer, StartError, Tap, Unpacker,
-    HASH_INTERVAL,
+    playback, recorder, CodeError, EarlyEnd, Entry, Feed, Playback, Recorder, ReplayError, Replayed, Replayer,
+    StartError, Tap, Unpacker, HASH_INTERVAL,
 };
 pub use slices::request_short_slices;
 pub use step_pool::{Batch, StepPool, Stepped, Steps};
@@ -53,6 +55,7 @@ use history::Recording;
 use models::ModelRequests;
 use physics::Physics;
 use plugins::PluginState;
+use recordings::RecordingRequests;
 use window::{Picking, Window};
 
 /// Bullet's internal step unless somebody asks for another: 1 ms, whatever the frequency of the loop.
@@ -153,6 +156,8 @@ pub struct Simulation {
     physics: Physics,
     link: Option<Link>,
     requests: Option<ModelRequests>,
+    /// Of recordings.
+    recordings: RecordingRequests,
     window: Option<Window>,
     picking: Picking,
     recording: Recording,
@@ -171,6 +176,7 @@ impl Simulation {
             physics: Physics::new(scene, sub_step),
             link: None,
             requests: None,
+            recordings: RecordingRequests::default(),
             window: None,
             picking: Picking::default(),
             recording: Recording::default(),

@@ -32,6 +32,9 @@ pub enum ModelError {
     /// Error when the physics thread does not answer within [`ANSWER_TIMEOUT`], because it has ended or is held up.
     #[error("the simulation does not answer")]
     NoAnswer,
+    /// Error when a recording is replayed.
+    #[error("a recording is replayed: models come and go as in the recording until it is over or left")]
+    Replaying,
 }
 
 /// What came of adding a model.
@@ -115,7 +118,9 @@ impl Simulation {
 
     /// Whether somebody waits for a change of the scene.
     pub(super) fn change_is_requested(&self) -> bool {
-        self.requests.as_ref().is_some_and(|requests| !requests.0.is_empty()) || self.window_is_waiting()
+        self.requests.as_ref().is_some_and(|requests| !requests.0.is_empty())
+            || self.window_is_waiting()
+            || self.recordings.is_asked()
     }
 
     /// Does what windows and holders of [`Models`] have asked for, for callers that step a simulation themselves.
@@ -126,9 +131,16 @@ impl Simulation {
     /// Physics thread: does what was asked for; true if the scene has changed. Costs next to nothing when nothing was.
     pub(super) fn do_requested_changes(&mut self) -> bool {
         let mut changed = self.serve_window();
+        self.serve_recordings();
         while let Some(Ok(request)) = self.requests.as_ref().map(|requests| requests.0.try_recv()) {
             // An answer that nobody waits for any more is dropped.
             match request {
+                Request::Add(_, answer) if self.refuses() => {
+                    let _ = answer.send(Err(ModelError::Replaying));
+                }
+                Request::Remove(_, answer) if self.refuses() => {
+                    let _ = answer.send(Err(ModelError::Replaying));
+                }
                 Request::Add(prepared, answer) => {
                     let _ = answer.send(self.add_model(*prepared));
                     changed = true;

@@ -1,7 +1,9 @@
 //! The thread that repeats the iteration in real time.
 
+mod replay;
+
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -11,9 +13,11 @@ use super::backlog::{Backlog, Share};
 use super::losses::{processor_time, LossCause, Losses};
 use super::slices::request_short_slices;
 use super::statistics::StepStatistics;
-use super::{LostState, Simulation};
+use super::{LostState, Playback, Reset, Simulation};
 use crate::comm::{Activity, Timing};
 use crate::device::timing::Pacer;
+
+pub use replay::{ReplayEnd, ReplayEnded, ReplayPlan};
 
 /// How the loop keeps time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,6 +75,7 @@ pub struct Control {
     manual_steps: AtomicU32,
     /// Bits of f64.
     speed: AtomicU64,
+    replay_ended: OnceLock<ReplayEnded>,
 }
 
 impl Default for Control {
@@ -80,6 +85,7 @@ impl Default for Control {
             paused: AtomicBool::default(),
             manual_steps: AtomicU32::default(),
             speed: AtomicU64::new(1.0_f64.to_bits()),
+            replay_ended: OnceLock::new(),
         }
     }
 }
@@ -112,6 +118,11 @@ impl Control {
         }
     }
 
+    /// How the replay of a recording has ended; `None` while it goes on, and without one.
+    pub fn replay_ended(&self) -> Option<&ReplayEnded> {
+        self.replay_ended.get()
+    }
+
     fn is_stopping(&self) -> bool {
         self.stop.load(Ordering::Acquire)
     }
@@ -140,12 +151,28 @@ const PAUSED_PERIOD: Duration = Duration::from_millis(1);
 impl Runner {
     /// Starts stepping `simulation`.
     pub fn start(simulation: Simulation, options: RunnerOptions) -> Self {
+        Self::start_loop(simulation, options, None)
+    }
+
+    /// Starts with the replay of a recording, whose scene `simulation` is, where the recording begins. When it is over or
+    /// left, it goes on as `options` say; see [`Control::replay_ended`].
+    pub fn replay(simulation: Simulation, options: RunnerOptions, playback: Playback, plan: ReplayPlan) -> Self {
+        Self::start_loop(simulation, options, Some((playback, plan)))
+    }
+
+    fn start_loop(simulation: Simulation, options: RunnerOptions, replayed: Option<(Playback, ReplayPlan)>) -> Self {
         let control = Arc::new(Control::default());
         let (sender, events) = bounded(EVENTS);
         let loop_control = Arc::clone(&control);
         let thread = std::thread::Builder::new()
             .name("physics".into())
-            .spawn(move || PhysicsLoop::new(simulation, options, loop_control, sender).run())
+            .spawn(move || {
+                let mut physics = PhysicsLoop::new(simulation, options, loop_control, sender);
+                if let Some((playback, plan)) = replayed {
+                    physics.replay(playback, plan);
+                }
+                physics.run()
+            })
             .expect("a thread can be started: nothing runs without it");
         Self { control, events, thread: Some(thread) }
     }
@@ -222,7 +249,10 @@ impl PhysicsLoop {
         request_short_slices();
         let mut pacer = Pacer::new(Duration::from_secs_f64(1.0 / self.options.frequency), MAX_LAG);
         while !self.control.is_stopping() {
-            if self.simulation.do_requested_resets().is_some() {
+            if let Some(reset) = self.simulation.do_requested_resets() {
+                if reset == Reset::World {
+                    self.simulation.begin_waiting_recording();
+                }
                 self.resume_after_reset(Ok(()));
             }
             self.serve_changes();

@@ -71,6 +71,7 @@ impl Simulation {
             link,
             // Requests of others, and notices for them.
             requests: _,
+            recordings: _,
             window: _,
             recording: _,
             notices: _,

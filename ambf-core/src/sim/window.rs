@@ -225,6 +225,9 @@ impl Simulation {
     }
 
     fn do_for_window(&mut self, request: WindowRequest) -> Option<WindowAnswer> {
+        if self.is_replaying() {
+            return self.do_in_replay(request);
+        }
         match request {
             WindowRequest::MoveCamera { camera, gesture } => self.move_camera(camera, gesture),
             WindowRequest::PlaceCamera { camera, pose, distance } => self.place_camera(camera, &pose, distance),
@@ -240,6 +243,31 @@ impl Simulation {
             WindowRequest::Input(input) => self.plugins_input(&input),
             WindowRequest::KeepHistory(keep) => return self.keep_history(keep).err().map(WindowAnswer::NoHistory),
             WindowRequest::GoToTime(time) => return self.go_to_time(time).err().map(WindowAnswer::NoHistory),
+        }
+        None
+    }
+
+    /// What a window may do while a recording is replayed: look from elsewhere.
+    fn do_in_replay(&mut self, request: WindowRequest) -> Option<WindowAnswer> {
+        const WHY: &str = "a recording is replayed: nothing can be changed until it is over or left";
+        match request {
+            WindowRequest::MoveCamera { camera, gesture } => self.move_camera(camera, gesture),
+            WindowRequest::PlaceCamera { camera, pose, distance } => self.place_camera(camera, &pose, distance),
+            WindowRequest::ResetCameras => self.reset_cameras(),
+            // They belong to a pick that was refused. What was picked when it was recorded stays so.
+            WindowRequest::Drag { .. } | WindowRequest::Release => (),
+            WindowRequest::Drawn | WindowRequest::Input(_) => (),
+            WindowRequest::Gravity(_) => {
+                self.refuses();
+            }
+            WindowRequest::Pick { .. } => {
+                self.refuses();
+                return Some(WindowAnswer::Picked(Picked::Nothing));
+            }
+            WindowRequest::RemoveBody(_) => return Some(WindowAnswer::Removed(Err(WHY.into()))),
+            WindowRequest::KeepHistory(_) | WindowRequest::GoToTime(_) => {
+                return Some(WindowAnswer::NoHistory(WHY.into()));
+            }
         }
         None
     }

@@ -66,6 +66,21 @@ impl App {
         }
     }
 
+    /// Begins or ends a recording, in a thread of its own: files are read for it, and written.
+    pub(super) fn switch_recording(&mut self) {
+        let Some(record) = self.parts.record.clone() else {
+            return self.tell("recordings are begun and ended by who steps this simulation".into());
+        };
+        let done = self.news.0.clone();
+        let switch = move || {
+            let _ = done.send(record().map_or_else(Said::failure, Said::well));
+        };
+        match std::thread::Builder::new().name("record key".into()).spawn(switch) {
+            Ok(thread) => self.note_writer(thread),
+            Err(error) => self.pass_on(Said::failure(format!("no recording: {error}"))),
+        }
+    }
+
     /// Lets windows fill their monitors, or gives them their places back.
     pub(super) fn switch_full_screen(&mut self) {
         self.switches.full_screen = !self.switches.full_screen;
@@ -248,6 +263,7 @@ impl App {
             Action::FitCamera => self.fit(camera),
             Action::Screenshot => self.screenshot = Some(camera),
             Action::Video => self.switch_video(camera),
+            Action::Record => self.switch_recording(),
         }
     }
 

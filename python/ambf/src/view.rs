@@ -43,6 +43,7 @@ impl Windows {
             devices: Arc::new(Controls::new(Switches::default())),
             board: Arc::default(),
             hook: None,
+            record: None,
             load_report,
             say: Box::new(move |line| said.lock().push(line.text.clone())),
         })?;

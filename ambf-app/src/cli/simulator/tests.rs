@@ -44,6 +44,8 @@ fn defaults_are_those_of_the_original() {
         crtk: vec![],
         seed: None,
         record: None,
+        record_from_reset: false,
+        replay: None,
         launch_file: options.launch_file.clone(),
         model_files: vec![],
         model_indexes: vec![1],
@@ -134,6 +136,8 @@ fn every_long_name_sets_its_option() {
         crtk: ["psm.yaml", "ecm.yaml"].map(PathBuf::from).to_vec(),
         seed: Some(7),
         record: Some("a.mcap".into()),
+        record_from_reset: false,
+        replay: None,
         launch_file: "x/launch.yaml".into(),
         model_files: ["a.yaml", "b.yaml"].map(PathBuf::from).to_vec(),
         model_indexes: vec![1, 6, 10],
@@ -372,4 +376,25 @@ fn words_without_an_option_are_files_only_for_check() {
     assert_eq!(options.check.expect("a check").files, [PathBuf::from("a.yaml")]);
     assert!(notes.len() == 1 && notes[0].contains("--unknown"), "{notes:?}");
     assert!(refused(&["--check=x"]).contains("--check"));
+}
+
+#[test]
+fn recordings_are_replayed_and_say_what_is_simulated() {
+    let whole =
+        FollowedRecording { file: "a.mcap".into(), speed: 1.0, from: 0.0, continue_at: None, changed_files: false };
+    assert_eq!(quiet(&["--replay", "a.mcap"]).replay, Some(whole.clone()));
+    let options = quiet(&["--replay", "a.mcap", "-s", "0.5", "--replay-from", "3", "--changed-files"]);
+    assert_eq!(options.replay, Some(FollowedRecording { speed: 0.5, from: 3.0, changed_files: true, ..whole.clone() }));
+    assert_eq!(options.speed_factor, 1.0);
+    let options = quiet(&["--replay", "a.mcap", "--continue-at", "2.5", "-t", "1", "-s", "2"]);
+    assert_eq!(options.replay, Some(FollowedRecording { speed: 2.0, continue_at: Some(2.5), ..whole }));
+    assert_eq!(options.speed_factor, 2.0, "from there on");
+    let (_, notes) = run(&["--replay", "a.mcap", "-l", "3", "-n", "1", "--profile", "legacy"]);
+    assert_eq!(notes.len(), 3, "{notes:?}");
+    assert!(notes.iter().all(|note| note.contains("the recording of --replay says what is simulated")), "{notes:?}");
+    let (options, notes) = run(&["--continue-at", "1"]);
+    assert!(options.replay.is_none() && notes[0].contains("only with --replay"), "{notes:?}");
+    assert!(refused(&["--record-from-reset"]).contains("--record"));
+    assert!(quiet(&["--record", "a.mcap", "--record-from-reset"]).record_from_reset);
+    assert!(refused(&["--replay", "a.mcap", "--continue-at", "-1"]).contains("--continue-at"));
 }

@@ -37,6 +37,7 @@ use super::models::ModelHost;
 #[cfg(feature = "pictures")]
 use super::pictures::PictureTopics;
 use super::point_cloud::PointClouds;
+use super::recordings::RecordHost;
 use super::scheduler;
 use super::signal::Waker;
 use super::topics::ServeContext;
@@ -68,6 +69,7 @@ pub struct Ros2Middleware {
     options: Ros2Options,
     clouds: Arc<PointClouds>,
     models: Option<Arc<dyn ModelHost>>,
+    recordings: Option<Arc<dyn RecordHost>>,
     #[cfg(feature = "pictures")]
     pictures: Option<Arc<PictureTopics>>,
     running: Option<Running>,
@@ -89,6 +91,7 @@ impl Ros2Middleware {
             options,
             clouds: Arc::default(),
             models: None,
+            recordings: None,
             #[cfg(feature = "pictures")]
             pictures: None,
             running: None,
@@ -112,6 +115,12 @@ impl Ros2Middleware {
     /// Offers services with which clients add, remove and list models through `host`. Default: there are none.
     pub fn with_models(mut self, host: Arc<dyn ModelHost>) -> Self {
         self.models = Some(host);
+        self
+    }
+
+    /// Offers services with which clients begin and end recordings through `host`. Default: there are none.
+    pub fn with_recordings(mut self, host: Arc<dyn RecordHost>) -> Self {
+        self.recordings = Some(host);
         self
     }
 }
@@ -138,6 +147,7 @@ impl Middleware for Ros2Middleware {
             extras,
             frames,
             models: self.models.clone(),
+            recordings: self.recordings.clone(),
             steppables: Arc::default(),
             arguments,
             ros2: Some(Arc::clone(&transport)),

@@ -19,6 +19,7 @@ use super::super::messages::ambf_msgs;
 use super::super::models;
 use super::super::point_cloud::PointClouds;
 use super::super::received::{self, FromClient};
+use super::super::recordings;
 use super::super::ros_args::PROGRAM;
 use super::super::scheduler::Outlet;
 use super::super::signal::RateLimitedLog;
@@ -157,6 +158,13 @@ impl Transport {
         let (hub, steppables) = (Arc::clone(&around.hub), Arc::clone(&around.steppables));
         let own_name = |service: &str| around.arguments.mapped(format!("{name}/{service}"));
         self.serve::<ambf_msgs::Step>(&own_name("Step"), move |request| step::reply(&hub, &steppables, &request));
+        if let Some(host) = &around.recordings {
+            let (starter, stopper) = (Arc::clone(host), Arc::clone(host));
+            self.serve::<ambf_msgs::StartRecording>(&own_name("StartRecording"), move |request| {
+                recordings::start(&*starter, &request)
+            });
+            self.serve::<ambf_msgs::StopRecording>(&own_name("StopRecording"), move |_| recordings::stop(&*stopper));
+        }
         let Some(host) = &around.models else { return };
         let (adder, remover, lister) = (Arc::clone(host), Arc::clone(host), Arc::clone(host));
         self.serve::<ambf_msgs::AddModel>(&own_name("AddModel"), move |request| models::add(&*adder, &request));

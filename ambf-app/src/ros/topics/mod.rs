@@ -22,6 +22,7 @@ use super::frames::Frames;
 use super::models::ModelHost;
 use super::parameters::ParameterChange;
 use super::received::{self, FromClient};
+use super::recordings::RecordHost;
 use super::scheduler::{is_live, Entry, StateOutlet};
 use super::signal::{OnceLog, RateLimitedLog, Waker};
 use super::step::{Kind, Steppable, Steppables};
@@ -54,10 +55,14 @@ impl Commanded {
     /// Leaves a command with the hub. The first one of a stream raises the rate at once, not at the next slow tick.
     fn post(&self, post: impl FnOnce(&Hub, HubIndex) -> Result<(), PostError>) {
         let was_live = is_live(&self.hub, self.object, self.hub.now_ns());
-        if let Err(error) = post(&self.hub, self.object) {
-            self.complaints.report(format_args!("{}: {error}", self.topic));
-        } else if !was_live {
-            self.waker.wake();
+        match post(&self.hub, self.object) {
+            // Said once, for all topics.
+            Err(PostError::Replaying) => (),
+            Err(error) => {
+                self.complaints.report(format_args!("{}: {error}", self.topic));
+            }
+            Ok(()) if !was_live => self.waker.wake(),
+            Ok(()) => (),
         }
     }
 
@@ -79,6 +84,8 @@ pub(super) struct ServeContext {
     pub frames: Option<Arc<Frames>>,
     /// Who adds and removes models; without one there are no services.
     pub models: Option<Arc<dyn ModelHost>>,
+    /// Who begins and ends recordings; without one there are no services.
+    pub recordings: Option<Arc<dyn RecordHost>>,
     /// What steps can command and observe.
     pub steppables: Arc<Steppables>,
     /// What the command line says.

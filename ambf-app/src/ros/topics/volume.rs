@@ -5,7 +5,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use ambf_core::comm::{CarveCommand, Cut, Hub, Rates, Snapshot, VolumeCommand};
+use ambf_core::comm::{CarveCommand, Cut, Hub, PostError, Rates, Snapshot, VolumeCommand};
 use ambf_core::ids::VolumeId;
 use ambf_core::scene::VisualScene;
 use ambf_core::volume::{Rule, Shape};
@@ -160,8 +160,11 @@ fn post(hub: Arc<Hub>, topic: String) -> impl FnMut(Asked<'_>) + Send {
     let complaints = RateLimitedLog::default();
     move |asked| {
         let Some(visuals) = hub.visuals() else { return };
-        let posted = asked(&visuals)
-            .and_then(|(volume, command)| hub.post_volume(volume, command).map_err(|error| error.to_string()));
+        let posted = asked(&visuals).and_then(|(volume, command)| match hub.post_volume(volume, command) {
+            // Said once, for all topics.
+            Err(PostError::Replaying) => Ok(()),
+            posted => posted.map_err(|error| error.to_string()),
+        });
         if let Err(why) = posted {
             complaints.report(format_args!("{topic}: {why}; it is ignored"));
         }

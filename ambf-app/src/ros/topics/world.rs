@@ -7,7 +7,7 @@ use ambf_core::comm::{Hub, ObjectInfo, Rates, Snapshot, WorldCommand};
 use super::{Builder, ServeContext};
 use crate::ros::messages::{ambf_msgs, header, rosgraph_msgs, std_msgs, time};
 use crate::ros::received::FromClient;
-use crate::ros::{diagnostics, frames, models, step, Extras};
+use crate::ros::{diagnostics, frames, models, recordings, step, Extras};
 
 /// How often `/clock` is published, Hz.
 const CLOCK_FREQUENCY: u32 = 200;
@@ -110,6 +110,9 @@ impl Builder<'_> {
         self.served.announcements.push(step::service(full_name("step"), hub, steppables));
         if let Some(host) = &self.around.models {
             self.served.announcements.extend(models::services(full_name, host));
+        }
+        if let Some(host) = &self.around.recordings {
+            self.served.announcements.extend(recordings::services(full_name, host));
         }
         self.served.parameters.world_states.push(full_name("State"));
         self.served.parameters.worlds.push(name);

@@ -9,11 +9,14 @@
 mod codec;
 mod entry;
 mod hash;
+mod playback;
 mod recorder;
 mod replay;
 
 pub use codec::CodeError;
 pub use entry::Entry;
+pub(super) use playback::Played;
+pub use playback::{playback, Feed, Playback};
 pub use recorder::{recorder, EarlyEnd, Recorder, Tap, Unpacker, HASH_INTERVAL};
 pub use replay::{ReplayError, Replayed, Replayer};
 
@@ -42,6 +45,12 @@ pub enum StartError {
     /// Error when it is recorded already.
     #[error("the simulation is recorded already")]
     Recorded,
+    /// Error when a recording is replayed, which is recorded from its beginning or not at all.
+    #[error("a recording is replayed: begin a recording of that with the program, or after it is over, with a reset of the world")]
+    Replaying,
+    /// Error when the physics thread does not answer in time, because it has ended or is held up.
+    #[error("the simulation does not answer")]
+    NoAnswer,
 }
 
 /// What happened since the start or the last reset of the world.
@@ -93,17 +102,12 @@ impl Simulation {
     /// # Errors
     /// [`StartError`]; nothing is recorded then.
     pub fn start_recording(&mut self, mut recorder: Recorder) -> Result<(), StartError> {
-        let physics = &self.physics;
-        let since = physics.since_start;
-        if physics.recorder.is_some() {
-            return Err(StartError::Recorded);
-        }
-        if since.changed {
-            return Err(StartError::Changed);
-        }
-        if since.moved || since.updates > 1 {
+        self.check_recordable()?;
+        if !self.is_at_start() {
             return Err(StartError::Moved);
         }
+        let physics = &self.physics;
+        let since = physics.since_start;
         recorder.grow(&physics.scene);
         let start = if since.updates == 0 { physics.time } else { physics.time_before };
         recorder.note(&Entry::Start {
@@ -119,6 +123,32 @@ impl Simulation {
         }
         self.physics.recorder = Some(Box::new(recorder));
         Ok(())
+    }
+
+    /// Whether a recording can begin now, or after the next reset of the world.
+    ///
+    /// # Errors
+    /// [`StartError`], but [`StartError::Moved`].
+    pub(super) fn check_recordable(&self) -> Result<(), StartError> {
+        match &self.physics {
+            physics if physics.recorder.is_some() => Err(StartError::Recorded),
+            physics if physics.since_start.changed => Err(StartError::Changed),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether it is where it began, or where a reset of the world has put it.
+    pub(super) fn is_at_start(&self) -> bool {
+        let since = self.physics.since_start;
+        !since.moved && since.updates <= 1
+    }
+
+    /// A number that tells states apart: FNV-1a over the numbers of poses and velocities of all bodies, coordinates of
+    /// joints and nodes of soft bodies, as recordings hold it.
+    pub fn state_hash(&self) -> u64 {
+        let mut hash = hash::StateHash::default();
+        hash.grow(&self.physics.scene);
+        hash.of(&self.physics.scene)
     }
 
     /// Records no more; whether it was recorded.

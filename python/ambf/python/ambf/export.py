@@ -1,8 +1,8 @@
 """Data sets of recordings: the program `ambf_export`.
 
 A recording holds what entered a simulation; here it is replayed, and what a mapping asks for is written in a form that learning programs
-read. Nothing has to be decided while it is recorded. The forms need `pyarrow` (lerobot) or `h5py` (robomimic), mappings `PyYAML`, videos
-the program `ffmpeg`; PyTorch, ROS and LeRobot need not be there.
+read. Nothing has to be decided while it is recorded. The forms need `pyarrow` (lerobot), `h5py` (robomimic) or `rosbags` (rosbag1 and
+rosbag2), mappings `PyYAML`, videos the program `ffmpeg`; PyTorch, ROS and LeRobot need not be there.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ from typing import IO, Any, Callable, Dict, Iterator, List, Mapping, Optional, S
 import numpy as np
 from numpy.typing import NDArray
 
+from . import bags
 from .errors import AmbfError
 from .names import find
 from .recording import Recording
 from .simulation import Array, Simulation
 
-FORMS = ("csv", "robomimic", "lerobot-v2.1", "lerobot-v3.0", "mp4")
+FORMS = ("csv", "robomimic", "lerobot-v2.1", "lerobot-v3.0", "mp4", "rosbag1", "rosbag2")
 """What recordings can be exported to."""
 
 _CHUNK = 1000
@@ -305,11 +306,26 @@ class Video:
             self._process.communicate()
 
 
-def sample(file: str, mapping: MappingOf, videos: Path, codec: str, *, changed_files: bool = False) -> Episode:
-    """Replays a recording and samples it; videos are written into the folder."""
+Note = Tuple[float, str]
+"""Simulated time, s, and a text."""
+
+
+def _notes(recording: Recording, more: Sequence[Note]) -> List[Note]:
+    """Those of a recording and further ones, in order. Raises ExportError."""
+    for time, text in more:
+        if not 0.0 <= time <= recording.end:
+            raise ExportError(f"note {text!r} at {time} s: {recording.path} goes from 0 to {recording.end} s")
+    return sorted([*recording.notes, *more], key=lambda note: note[0])
+
+
+def sample(
+    file: str, mapping: MappingOf, videos: Path, codec: str, *, changed_files: bool = False, notes: Sequence[Note] = ()
+) -> Episode:
+    """Replays a recording and samples it; videos are written into the folder. `notes`: beside those of the recording."""
+    more = notes
     with Recording(file, changed_files=changed_files) as recording:
         columns = mapping.columns(recording.simulation)
-        notes = list(recording.notes)
+        notes = _notes(recording, more)
         begin = recording.simulation.sim_time
         times: List[float] = []
         rows: Dict[str, List[List[float]]] = {name: [] for name in columns}
@@ -726,6 +742,28 @@ def _tasks_table(tasks: Sequence[str]) -> Any:
     return table.replace_schema_metadata({b"pandas": json.dumps(about).encode()})
 
 
+def _check_form(to: str, mapping: MappingOf) -> None:
+    """Whether a form can be written. Raises ExportError, BagError."""
+    if to not in FORMS:
+        raise ExportError(f"form {to!r}: expected one of {', '.join(FORMS)}")
+    if to == "mp4" and not mapping.images:
+        raise ExportError("mp4 needs a mapping with `images`")
+    if to.startswith("lerobot"):
+        _pyarrow()
+    if to.startswith("rosbag"):
+        bags.check()
+
+
+def _check_numbers(file: str, episodes: Sequence[Episode], names: Dict[str, List[str]]) -> None:
+    """Whether all episodes have as many numbers as the first, of `file`. Raises ExportError."""
+    for episode in episodes:
+        for name, values in episode.features.items():
+            if values.shape[1] != len(names[name]):
+                raise ExportError(
+                    f"{episode.file}: `{name}` has {values.shape[1]} numbers, in {file} {len(names[name])}"
+                )
+
+
 def export(
     files: Sequence[str],
     to: str,
@@ -735,18 +773,19 @@ def export(
     splits: Optional[Mapping[str, float]] = None,
     codec: str = "h264",
     changed_files: bool = False,
+    notes: Sequence[Note] = (),
     tell: Callable[[str], None] = lambda _: None,
 ) -> List[Episode]:
-    """Exports recordings, an episode each, into the folder `out`, which must not be there. Raises ExportError, RecordingError."""
-    if to not in FORMS:
-        raise ExportError(f"form {to!r}: expected one of {', '.join(FORMS)}")
+    """Exports recordings, an episode each, into the folder `out`, which must not be there. `notes` are further ones of the only recording.
+
+    Raises ExportError, RecordingError.
+    """
+    mapping = mapping or MappingOf()
+    if notes and len(files) != 1:
+        raise ExportError(f"notes are of one recording, and {len(files)} are exported: export them one by one")
     if out.exists():
         raise ExportError(f"{out} is there already; choose another folder or remove it")
-    mapping = mapping or MappingOf()
-    if to == "mp4" and not mapping.images:
-        raise ExportError("mp4 needs a mapping with `images`")
-    if to.startswith("lerobot"):
-        _pyarrow()
+    _check_form(to, mapping)
     unfinished = out.with_name(out.name + ".unfinished")
     if unfinished.exists():
         raise ExportError(f"{unfinished} is there: another export writes it, or was killed; remove it then")
@@ -754,26 +793,47 @@ def export(
         unfinished.mkdir(parents=True)
         episodes = []
         for index, file in enumerate(files):
-            videos = unfinished / ".videos" / f"{index:06d}"
-            episodes.append(sample(file, mapping, videos, codec, changed_files=changed_files))
+            if to.startswith("rosbag"):
+                episodes.append(_write_bag(file, unfinished, index, to, mapping.rate, changed_files, notes))
+            else:
+                videos = unfinished / ".videos" / f"{index:06d}"
+                episodes.append(sample(file, mapping, videos, codec, changed_files=changed_files, notes=notes))
             tell(f"{file}: {episodes[-1].length} frames")
             if episodes[-1].problem is not None:
                 tell(f"warning: {episodes[-1].problem}")
-        names = _names(files[0], mapping, changed_files)
-        for episode in episodes:
-            for name, values in episode.features.items():
-                if values.shape[1] != len(names[name]):
-                    raise ExportError(
-                        f"{episode.file}: `{name}` has {values.shape[1]} numbers, in {files[0]} {len(names[name])}"
-                    )
-        episodes = assign_splits(episodes, splits or {"train": 1.0})
-        _write(unfinished, to, episodes, names, mapping, codec)
+        if not to.startswith("rosbag"):
+            names = _names(files[0], mapping, changed_files)
+            _check_numbers(files[0], episodes, names)
+            episodes = assign_splits(episodes, splits or {"train": 1.0})
+            _write(unfinished, to, episodes, names, mapping, codec)
         shutil.rmtree(unfinished / ".videos", ignore_errors=True)
         unfinished.rename(out)
     except BaseException:
         shutil.rmtree(unfinished, ignore_errors=True)
         raise
     return episodes
+
+
+def _write_bag(
+    file: str, out: Path, index: int, to: str, rate: float, changed_files: bool, notes: Sequence[Note]
+) -> Episode:
+    """A recording as a bag of ROS."""
+    version = 1 if to == "rosbag1" else 2
+    path = out / (f"episode_{index:06d}.bag" if version == 1 else f"episode_{index:06d}")
+    with Recording(file, changed_files=changed_files) as recording:
+        times = bags.write(recording, path, version, rate, _notes(recording, notes))
+        problem = recording.problem
+    return Episode(
+        file=file,
+        task="",
+        split="",
+        times=np.array(times),
+        features={},
+        instructions=[],
+        videos={},
+        picture_stats={},
+        problem=problem,
+    )
 
 
 def _write(
@@ -813,6 +873,13 @@ def _shares(text: str) -> Dict[str, float]:
     return shares
 
 
+def _note(time: str, text: str) -> Note:
+    try:
+        return float(time), text
+    except ValueError as error:
+        raise ExportError(f"--note {time!r}: expected a simulated time, s, before the text") from error
+
+
 def main(arguments: Optional[Sequence[str]] = None, out: Optional[IO[str]] = None) -> int:
     """The program `ambf_export`; its exit status: 0, or 1 with a sentence on the standard error output."""
     parser = argparse.ArgumentParser(
@@ -831,9 +898,18 @@ def main(arguments: Optional[Sequence[str]] = None, out: Optional[IO[str]] = Non
         "--splits", type=_shares, metavar="NAME=SHARE,…", help="such as train=0.8,val=0.1,test=0.1 [default: train=1]"
     )
     parser.add_argument("--codec", choices=tuple(_CODECS), default="h264", help="of videos [default: h264]")
+    parser.add_argument(
+        "--note",
+        nargs=2,
+        action="append",
+        default=[],
+        metavar=("SECONDS", "TEXT"),
+        help="a further note at this simulated time, such as `instruction: grasp`; may be repeated; for a single recording",
+    )
     parser.add_argument("--changed-files", action="store_true", help="also when files of the scene have changed since")
     options = parser.parse_args(arguments)
     try:
+        notes = [_note(time, text) for time, text in options.note]
         mapping = MappingOf.load(options.mapping)
         if options.rate is not None:
             if not 0 < options.rate <= 10_000:
@@ -847,6 +923,7 @@ def main(arguments: Optional[Sequence[str]] = None, out: Optional[IO[str]] = Non
             splits=options.splits,
             codec=options.codec,
             changed_files=options.changed_files,
+            notes=notes,
             tell=lambda line: print(line, file=out or sys.stdout),
         )
     except (AmbfError, OSError) as error:

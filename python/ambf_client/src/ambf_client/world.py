@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Dict, Sequence, Tuple, Type
 
 from ambf_msgs.msg import WorldCmd, WorldState
-from ambf_msgs.srv import AddModel, ListModels, RemoveModel, Step
+from ambf_msgs.srv import AddModel, ListModels, RemoveModel, StartRecording, Step, StopRecording
 from std_msgs.msg import Empty
 
 from .actuator import Actuator
@@ -30,6 +30,8 @@ _SERVICES: Dict[str, Any] = {
     "add_model": AddModel,
     "remove_model": RemoveModel,
     "list_models": ListModels,
+    "start_recording": StartRecording,
+    "stop_recording": StopRecording,
 }
 
 # A reset has ended a loss after so long, s.
@@ -262,6 +264,18 @@ class World(Handle):
     def list_models(self, timeout: float = 10.0) -> Any:
         """The models that there are: an answer with `models`, their names. Raises as `add_model`."""
         return self._ask("list_models", request(ListModels), timeout)
+
+    def start_recording(self, file: str = "", reset: bool = False, timeout: float = 60.0) -> Any:
+        """Begins a recording: an answer with `success`, `file` and `message`. Raises as `add_model`.
+
+        `file`: for the simulator; empty: it chooses a name. `reset`: the world is reset, and the recording begins with that; else it can
+        begin only where the simulation began, or directly after a reset.
+        """
+        return self._ask("start_recording", request(StartRecording, file=str(file), reset=bool(reset)), timeout)
+
+    def stop_recording(self, timeout: float = 60.0) -> Any:
+        """Ends the recording: an answer with `success`, `file` and `message`. Raises as `add_model`."""
+        return self._ask("stop_recording", request(StopRecording), timeout)
 
     def _ask(self, service: str, asked: Any, timeout: float) -> Any:
         if service not in self._services:
