@@ -84,12 +84,12 @@ fn nearest(grid: &VoxelGrid, point: &Point3<f64>, is: impl Fn([usize; 3]) -> boo
 
 fn is_right(grid: &VoxelGrid) {
     for index in indices(grid.size()) {
-        let around = (0..27).map(|at| [at % 3, at / 3 % 3, at / 9]);
+        let mut around = (0..27).map(|at| [at % 3, at / 3 % 3, at / 9]);
         let is_solid = |offset: [usize; 3]| {
             let beside: [usize; 3] = std::array::from_fn(|axis| (index[axis] + offset[axis]).wrapping_sub(1));
             grid.is_solid(beside)
         };
-        let surface = grid.is_solid(index) && !around.map(is_solid).all(|one| one);
+        let surface = grid.is_solid(index) && !around.all(is_solid);
         assert_eq!(grid.is_surface(index), surface, "{index:?}");
     }
     assert_eq!(grid.count_solid(), indices(grid.size()).filter(|&index| grid.is_solid(index)).count());
