@@ -98,6 +98,7 @@ pub fn setup(launch: &[PluginEntry], command_line: &[PathBuf], crtk: CrtkFiles<'
         &crtk.board,
         crtk.seed,
     );
+    drill::register(&mut registry);
     PluginSetup {
         registry,
         search: Search::from_environment(),

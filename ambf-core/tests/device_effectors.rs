@@ -7,7 +7,7 @@ use std::sync::Arc;
 use ambf_core::comm::{CartesianCommandType, HubObject, RigidBodyCommand};
 use ambf_core::control::Profile;
 use ambf_core::device::host::DeviceHost;
-use ambf_core::ids::{ActuatorId, BodyId, CameraId, JointId};
+use ambf_core::ids::{ActuatorId, BodyId, CameraId, JointId, VolumeId};
 use ambf_core::scene::PreparedModel;
 use ambf_core::sim::Simulation;
 use device_common::{coupled, puppets, until, Folder, Puppet, BOTH, BOXES, GRIPPER};
@@ -291,4 +291,39 @@ fn the_camera_button_moves_the_camera_and_freezes_the_hand() {
     assert!(after.rotation.angle_to(&(before.rotation * turn)) < 1e-6);
     assert!(after.translation.z > before.translation.z + 0.01, "{after}");
     assert!(stage.position("left").z.abs() < 2e-3);
+}
+
+#[test]
+fn the_gripper_of_a_device_switches_the_tool_that_it_leads() {
+    let phantom = concat!(env!("CARGO_MANIFEST_DIR"), "/../resources/drill/phantom.nrrd");
+    let bone = format!(
+        "bodies: []\nvolumes: [VOLUME bone]\nVOLUME bone: {{name: bone, nrrd: {phantom}, location: {{position: {{x: 9, y: 9, z: 9}}}}, \
+         tools: [{{body: BODY left, tip: {{radius: 0.001}}, rate: 1.0e-9}}, {{body: BODY right, tip: {{radius: 0.001}}}}]}}\n"
+    );
+    let entries = "input devices: [A]\nA: {hardware name: Puppet, root link: BODY left}\n";
+    let mut stage = Stage::new(entries, &[BOXES, &bone], Profile::Legacy);
+    let volume = VolumeId::new(0);
+    let mut becomes = |opening: f64, expected: bool| {
+        stage.puppets[0].set(|pose| pose.gripper = Some(opening));
+        let reads = stage.puppets[0].reads();
+        until("the hand is read", || stage.puppets[0].reads() > reads + 20);
+        let begin = std::time::Instant::now();
+        loop {
+            stage.simulation.iterate(0.001).expect("finite");
+            let is_on = |tool| stage.simulation.scene().tool(volume, tool).expect("it is there").is_on;
+            assert!(is_on(1), "the tool of another body");
+            if is_on(0) == expected {
+                return;
+            }
+            assert!(begin.elapsed().as_secs() < 20, "an opening of {opening} does not switch it to {expected}");
+        }
+    };
+    for on in [true, false] {
+        becomes(1.0, on);
+        becomes(0.1, !on);
+        // Not opened far enough.
+        becomes(0.4, !on);
+        becomes(0.0, !on);
+    }
+    becomes(1.0, true);
 }

@@ -436,7 +436,7 @@ fn builtin(entry: &PluginEntry) -> Option<&str> {
 
 /// The built-in plugin that stands in for a public one of the C++ program.
 pub(super) fn stand_in<'n>(registry: &Registry, entry: &PluginEntry) -> Option<&'n str> {
-    const STAND_INS: [(&str, &str); 1] = [("libambf_crtk", "crtk")];
+    const STAND_INS: [(&str, &str); 2] = [("libambf_crtk", "crtk"), ("libvolumetric_drilling", "drill")];
     let file = entry.filename.file_name()?.to_str()?;
     let found = STAND_INS.iter().find(|(start, _)| file.starts_with(start));
     found.map(|(_, name)| *name).filter(|name| registry.check(name).is_ok())
@@ -477,7 +477,7 @@ mod tests {
     }
 
     #[test]
-    fn the_public_crtk_plugin_has_a_stand_in_where_the_program_has_one() {
+    fn public_plugins_have_stand_ins_where_the_program_has_them() {
         let source = ambf_model::adf::SourcePos { file: Path::new("w.yaml").into(), line: 1, column: 1 };
         let entry = |filename: &str| PluginEntry {
             name: "p".into(),
@@ -491,5 +491,8 @@ mod tests {
         registry.add("crtk", |_| None);
         assert_eq!(stand_in(&registry, &crtk), Some("crtk"));
         assert_eq!(stand_in(&registry, &entry("libambf_recording.so")), None);
+        assert_eq!(stand_in(&registry, &entry("libvolumetric_drilling.so")), None);
+        registry.add("drill", |_| None);
+        assert_eq!(stand_in(&registry, &entry("../build/libvolumetric_drilling.so")), Some("drill"));
     }
 }

@@ -60,7 +60,7 @@ pub use object::{ObjectId, ObjectType};
 pub use registry::Registry;
 pub use search::Search;
 pub use snapshot::{SnapshotSlot, SnapshotWriter};
-pub use state::{BodyState, Clock, Hit, JointFrame, JointState, StateSnapshot, Touch};
+pub use state::{BodyState, Clock, Hit, JointFrame, JointState, StateSnapshot, ToolState, Touch};
 pub use traits::{
     AnyPlugin, Host, InitContext, Input, ModelPlugin, ObjectPlugin, Plugin, PluginKind, SimulatorPlugin, Subject,
     WorldPlugin,

@@ -58,6 +58,19 @@ pub struct JointFrame {
     pub axis: Vector3<f64>,
 }
 
+/// What a tool of a volume does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ToolState {
+    /// Radius of its tip, m.
+    pub radius: f64,
+    /// Whether it cuts what it touches.
+    pub is_on: bool,
+    /// Whether its tip touches.
+    pub is_touching: bool,
+    /// On its body, N, world axes.
+    pub force: Vector3<f64>,
+}
+
 /// What a ray meets first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {

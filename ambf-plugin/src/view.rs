@@ -1,6 +1,7 @@
+use ambf_model::adf::VolumeTool;
 use nalgebra::{Isometry3, Vector3};
 
-use super::{BodyState, Clock, Command, CommandError, Hit, JointFrame, JointState, Subject, Touch};
+use super::{BodyState, Clock, Command, CommandError, Hit, JointFrame, JointState, Subject, ToolState, Touch};
 use crate::JointCommandType;
 use crate::{ObjectId, ObjectType};
 
@@ -52,6 +53,37 @@ pub trait Access {
     fn cast_ray(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> Option<Hit>;
     /// Appends the contacts of a body; `None` when there is no such body.
     fn contacts(&self, body: usize, out: &mut Vec<Touch>) -> Option<()>;
+    /// Adds a tool to those of a volume; its place among them. Never through the C interface.
+    ///
+    /// # Errors
+    /// A sentence that says why not.
+    fn add_tool(&mut self, _volume: usize, _tool: &VolumeTool) -> Result<usize, String> {
+        Err("tools of volumes are for plugins that are part of the program".into())
+    }
+    /// What a tool of a volume does; `None` when there is none, and through the C interface.
+    fn tool(&self, _volume: usize, _tool: usize) -> Option<ToolState> {
+        None
+    }
+    /// Switches a tool of a volume, or gives it a tip of another radius, m. Never through the C interface.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    fn set_tool(
+        &mut self,
+        _volume: usize,
+        _tool: usize,
+        _on: Option<bool>,
+        _radius: Option<f64>,
+    ) -> Result<(), CommandError> {
+        Err(CommandError::Unknown)
+    }
+    /// Gives a volume the voxels of the start back. Never through the C interface.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    fn restore_voxels(&mut self, _volume: usize) -> Result<(), CommandError> {
+        Err(CommandError::Unknown)
+    }
     /// Executes a command; the number of the attachment that it makes, else 0.
     ///
     /// # Errors
@@ -202,6 +234,42 @@ impl<'a> View<'a> {
     pub fn contacts(&self, body: usize, out: &mut Vec<Touch>) -> Option<()> {
         out.clear();
         self.access.contacts(body, out)
+    }
+
+    /// Adds a tool to those of a volume that has voxels and may be cut, for as long as the scene lasts; its place among
+    /// them. Not in shared libraries.
+    ///
+    /// # Errors
+    /// A sentence that says why not.
+    pub fn add_tool(&mut self, volume: usize, tool: &VolumeTool) -> Result<usize, String> {
+        self.access.add_tool(volume, tool)
+    }
+
+    /// What a tool of a volume did in the last step; `None` when there is none, and in shared libraries.
+    pub fn tool(&self, volume: usize, tool: usize) -> Option<ToolState> {
+        self.access.tool(volume, tool)
+    }
+
+    /// Switches a tool of a volume, or gives it a tip of another radius, m. Not in shared libraries.
+    ///
+    /// # Errors
+    /// [`CommandError::NoObject`]; [`CommandError::Refused`] for a radius that it cannot have.
+    pub fn set_tool(
+        &mut self,
+        volume: usize,
+        tool: usize,
+        on: Option<bool>,
+        radius: Option<f64>,
+    ) -> Result<(), CommandError> {
+        self.access.set_tool(volume, tool, on, radius)
+    }
+
+    /// Gives a volume the voxels of the start back. Not in shared libraries.
+    ///
+    /// # Errors
+    /// [`CommandError::NoObject`].
+    pub fn restore_voxels(&mut self, volume: usize) -> Result<(), CommandError> {
+        self.access.restore_voxels(volume)
     }
 
     /// Executes a command.

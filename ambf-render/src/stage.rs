@@ -4,7 +4,7 @@ use std::collections::{BTreeSet, HashSet};
 use std::sync::Arc;
 
 use ambf_core::adf;
-use ambf_core::comm::{RayReading, Snapshot, SpotReading};
+use ambf_core::comm::{RayReading, Snapshot, SpotReading, ToolReading};
 use ambf_core::ids::{
     ActuatorId, BodyId, CameraId, GhostId, LightId, SensorId, SoftBodyId, Table, VehicleId, VolumeId,
 };
@@ -114,6 +114,8 @@ pub(crate) struct SnapshotParts {
     pub(crate) spots: Table<LightId, SpotReading>,
     pub(crate) sensors: Table<SensorId, Vec<RayReading>>,
     pub(crate) actuators: Table<ActuatorId, bool>,
+    /// (volumes x tools).
+    pub(crate) tools: Table<VolumeId, Vec<ToolReading>>,
 }
 
 /// Which object of the scene it is.
@@ -308,6 +310,7 @@ impl Built {
         self.snapshot.spots.clone_from(&snapshot.spots);
         self.snapshot.sensors.clone_from(&snapshot.sensors);
         self.snapshot.actuators.clone_from(&snapshot.actuators);
+        self.snapshot.tools.clone_from(&snapshot.tools);
     }
 }
 

@@ -135,7 +135,8 @@ impl Carved {
         carved
     }
 
-    fn shrink_to(&mut self, voxels: usize) {
+    /// Gives back room beyond that for `voxels`.
+    pub fn shrink_to(&mut self, voxels: usize) {
         self.indices.shrink_to(voxels);
         self.colors.shrink_to(voxels);
         self.labels.shrink_to(voxels);
@@ -266,11 +267,24 @@ impl Carver {
         &self.carved
     }
 
+    /// What the last stroke has removed, to keep: the carver knows nothing of it any more.
+    pub fn take_carved(&mut self) -> Carved {
+        let carved = std::mem::take(&mut self.carved);
+        self.carved = Carved::with_room(self.room);
+        carved
+    }
+
+    /// Forgets what the last stroke has removed, and gives back what memory that took beyond the usual room.
+    pub fn forget(&mut self) {
+        self.carved.clear();
+        self.carved.shrink_to(self.room.max(KEPT));
+    }
+
     /// Removes solid voxels whose centres the shape covers on its way.
     ///
     /// The way of a ball is exact. Other shapes are put at poses between which no point of them moves by more than half
-    /// the smallest edge of a voxel. Room that only a large stroke needs is given back: that for what was removed by the
-    /// next stroke.
+    /// the smallest edge of a voxel. Room that only a large stroke needs is given back: that for what was removed by
+    /// [`forget`](Self::forget), or the next stroke.
     ///
     /// # Errors
     /// [`CarveError`]; nothing is removed then.
@@ -490,5 +504,14 @@ mod tests {
         let now = Arc::clone(&grid);
         carver.carve_shared(&mut grid, &named, &stroke(0.0), Rule::All).unwrap();
         assert!(Arc::ptr_eq(&grid, &now) && carver.carved.indices.capacity() <= KEPT);
+        // What a large stroke has removed is taken along, or forgotten at once.
+        let mut grid = full(64);
+        carver.carve(&mut grid, &ball, &stroke(0.0), Rule::All).unwrap();
+        assert!(carver.carved.indices.capacity() > KEPT);
+        assert_eq!(carver.take_carved().indices.len(), 64 * 64 * 64);
+        assert!(carver.carved.indices.is_empty() && carver.carved.indices.capacity() == 100);
+        carver.carve(&mut full(64), &ball, &stroke(0.0), Rule::All).unwrap();
+        carver.forget();
+        assert!(carver.carved.indices.is_empty() && carver.carved.indices.capacity() <= KEPT);
     }
 }

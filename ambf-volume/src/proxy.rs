@@ -14,8 +14,8 @@ const TOLERANCE: f64 = 1e-7;
 const SEARCHES: usize = 12;
 /// Cosine of the angle between normals from which on planes of contact are one.
 const PARALLEL: f64 = 0.95;
-/// Steps along a way to the interpolated surface.
-const STEPS: usize = 64;
+/// Steps along ways to the interpolated surface in one update: a ball that has to slide farther goes on in the next one.
+const STEPS: usize = 24;
 /// Steps in which a ball that is inside is pushed out.
 const ESCAPES: usize = 64;
 /// Updates after which the whole force is back when a ball had to be pushed out.
@@ -73,6 +73,9 @@ struct Found {
     index: [usize; 3],
 }
 
+/// Distance to the interpolated surface, its normal, and the voxel that is nearest.
+type Nearest = (f64, Vector3<f64>, [usize; 3]);
+
 /// What is on a way.
 enum Way {
     /// Nothing.
@@ -102,7 +105,8 @@ impl Proxy {
         }
         let mut at = self.position.unwrap_or(*goal);
         self.returning = self.returning.saturating_sub(1);
-        if let Some(free) = self.escape(grid, surface, &at) {
+        let (free, mut known) = self.escape(grid, surface, &at);
+        if let Some(free) = free {
             at = free;
             self.returning = RETURN;
         }
@@ -113,11 +117,15 @@ impl Proxy {
         // The goal, less what friction holds back.
         let mut aim = *goal;
         let mut target = aim;
+        let mut steps = STEPS;
         for _ in 0..SEARCHES {
-            let found = match self.touch(grid, surface, &at, &target) {
+            let found = match self.touch(grid, surface, (&at, &target), known.take(), &mut steps) {
                 Way::Held(found) => found,
                 Way::Open(free) => {
                     at = free;
+                    if steps == 0 {
+                        break;
+                    }
                     continue;
                 }
                 Way::Free => {
@@ -189,11 +197,18 @@ impl Proxy {
         }
     }
 
-    /// First touch on a straight way.
-    fn touch(&mut self, grid: &VoxelGrid, surface: Surface, from: &Point3<f64>, to: &Point3<f64>) -> Way {
+    /// First touch on a straight way; `known`: what is nearest to its beginning, if that was looked for.
+    fn touch(
+        &mut self,
+        grid: &VoxelGrid,
+        surface: Surface,
+        (from, to): (&Point3<f64>, &Point3<f64>),
+        known: Option<Nearest>,
+        steps: &mut usize,
+    ) -> Way {
         match surface {
             Surface::Balls => self.touch_balls(grid, from, to).map_or(Way::Free, Way::Held),
-            Surface::Interpolated => self.touch_interpolated(grid, from, to).unwrap_or(Way::Free),
+            Surface::Interpolated => self.touch_interpolated(grid, (from, to), known, steps).unwrap_or(Way::Free),
         }
     }
 
@@ -210,7 +225,13 @@ impl Proxy {
     }
 
     /// `None`: nothing is near the way.
-    fn touch_interpolated(&mut self, grid: &VoxelGrid, from: &Point3<f64>, to: &Point3<f64>) -> Option<Way> {
+    fn touch_interpolated(
+        &mut self,
+        grid: &VoxelGrid,
+        (from, to): (&Point3<f64>, &Point3<f64>),
+        mut known: Option<Nearest>,
+        steps: &mut usize,
+    ) -> Option<Way> {
         let way = to - from;
         let length = way.norm();
         if length == 0.0 {
@@ -219,9 +240,18 @@ impl Proxy {
         let direction = way / length;
         let reach = self.radius + length + grid.spacing().norm();
         let mut along = 0.0;
-        for _ in 0..STEPS {
+        // As far as it is known to be free.
+        let mut free = 0.0;
+        loop {
             let at = from + direction * along;
-            let (distance, normal, index) = grid.interpolated_distance(&at, reach, self.guess)?;
+            let (distance, normal, index) = match known.take() {
+                Some(nearest) => nearest,
+                None if *steps == 0 => return Some(Way::Open(from + direction * free)),
+                None => {
+                    *steps -= 1;
+                    grid.interpolated_distance(&at, reach, self.guess)?
+                }
+            };
             self.guess = Some(index);
             let gap = distance - self.radius;
             let approach = -direction.dot(&normal);
@@ -229,11 +259,13 @@ impl Proxy {
                 // Out of what rounding or a rough surface has left.
                 return Some(Way::Held(Found { center: at + normal * (TOLERANCE - gap).max(0.0), normal, index }));
             }
+            free = along;
             if gap < 2.0 * TOLERANCE {
                 // It slides along, or leaves: as far as a voxel's part, then it is looked again.
                 along += (0.25 * grid.spacing().min()).min(length);
             } else {
                 along += gap;
+                free = along.min(length);
             }
             if along >= length {
                 let (distance, normal, index) = grid.interpolated_distance(to, reach, self.guess)?;
@@ -242,17 +274,16 @@ impl Proxy {
                 return is_held.then_some(Way::Held(Found { center, normal, index }));
             }
         }
-        let at = from + direction * along;
-        let (distance, normal, index) = grid.interpolated_distance(&at, reach, self.guess)?;
-        let gap = distance - self.radius;
-        if gap >= 2.0 * TOLERANCE {
-            return Some(Way::Open(at));
-        }
-        Some(Way::Held(Found { center: at + normal * (TOLERANCE - gap).max(0.0), normal, index }))
     }
 
-    /// The nearest free place, if the ball is inside by more than a hundredth of a voxel.
-    fn escape(&mut self, grid: &VoxelGrid, surface: Surface, at: &Point3<f64>) -> Option<Point3<f64>> {
+    /// The nearest free place, if the ball is inside by more than a hundredth of a voxel; else what is nearest to it, if
+    /// that is near and the surface is interpolated.
+    fn escape(
+        &mut self,
+        grid: &VoxelGrid,
+        surface: Surface,
+        at: &Point3<f64>,
+    ) -> (Option<Point3<f64>>, Option<Nearest>) {
         let slack = 0.01 * grid.spacing().min();
         let gap = |at: &Point3<f64>, guess| match surface {
             Surface::Balls => {
@@ -273,10 +304,11 @@ impl Proxy {
                 Some((found.0 - self.radius, found.1, found.2))
             }
         };
-        let (mut by, mut normal, index) = gap(at, self.guess)?;
+        let Some((mut by, mut normal, index)) = gap(at, self.guess) else { return (None, None) };
         self.guess = Some(index);
         if by >= -slack {
-            return None;
+            let is_interpolated = surface == Surface::Interpolated;
+            return (None, is_interpolated.then_some((by + self.radius, normal, index)));
         }
         let mut free = *at;
         for _ in 0..ESCAPES {
@@ -286,7 +318,7 @@ impl Proxy {
                 _ => break,
             }
         }
-        Some(free)
+        (Some(free), None)
     }
 }
 

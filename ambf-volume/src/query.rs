@@ -219,16 +219,40 @@ impl Search<'_> {
     }
 
     fn voxels(&mut self, first: [usize; 3], mask: &Mask) {
-        let high: [usize; 3] = std::array::from_fn(|axis| (first[axis] + EDGE).min(self.grid.size()[axis]));
-        for z in outward(first[2], high[2], self.middle[2]) {
-            let word = mask[z - first[2]];
-            if word == 0 || self.is_hopeless(self.gap(2, z, z + 1)) {
+        let size = self.grid.size();
+        let squares: [[f64; EDGE]; 3] = std::array::from_fn(|axis| {
+            std::array::from_fn(|cell| {
+                let gap = self.grid.coordinate(axis, first[axis] + cell) - self.point[axis];
+                gap * gap
+            })
+        });
+        let ends: [usize; 3] = std::array::from_fn(|axis| EDGE.min(size[axis] - first[axis]));
+        let across = [0, 1].map(|axis| self.gap(axis, first[axis], first[axis] + EDGE));
+        let inside = (1_u64 << ends[0]) - 1;
+        // Of a row, the cells up to the one in which the point is, and those behind it.
+        let before = match self.middle[0].checked_sub(first[0]) {
+            Some(middle) => (2_u64 << middle.min(EDGE - 1)) - 1,
+            None => 0,
+        };
+        for (z, &layer) in mask.iter().enumerate().take(ends[2]) {
+            let dz = squares[2][z];
+            if layer == 0 || self.is_hopeless(dz + across[1] + across[0]) {
                 continue;
             }
-            for cell in bits::ones_of(word) {
-                let index = [first[0] + cell % EDGE, first[1] + cell / EDGE, z];
-                if index[0] < high[0] && index[1] < high[1] {
-                    self.offer(index);
+            for (y, square) in squares[1].iter().enumerate().take(ends[1]) {
+                let row = layer >> (EDGE * y) & inside;
+                let dy = dz + square;
+                if row == 0 || self.is_hopeless(dy + across[0]) {
+                    continue;
+                }
+                // The nearest of each side is nearer than all others of it.
+                if let Some(cell) = (row & before).checked_ilog2() {
+                    let cell = cell as usize;
+                    self.offer_at([first[0] + cell, first[1] + y, first[2] + z], dy + squares[0][cell]);
+                }
+                if row & !before != 0 {
+                    let cell = (row & !before).trailing_zeros() as usize;
+                    self.offer_at([first[0] + cell, first[1] + y, first[2] + z], dy + squares[0][cell]);
                 }
             }
         }
@@ -239,6 +263,14 @@ impl Search<'_> {
         for axis in [2, 1, 0] {
             let gap = self.grid.coordinate(axis, index[axis]) - self.point[axis];
             square += gap * gap;
+        }
+        self.offer_at(index, square);
+    }
+
+    /// A voxel, and the square of its distance.
+    fn offer_at(&mut self, index: [usize; 3], square: f64) {
+        if square > self.best.0 {
+            return;
         }
         let size = self.grid.size();
         let place = (index[2] * size[1] + index[1]) * size[0] + index[0];
@@ -440,19 +472,49 @@ impl VoxelGrid {
     ) {
         let way = to - from;
         let length_2 = way.norm_squared();
+        let (low, high) = (from.inf(to), from.sup(to));
+        let square_reach = reach * reach * (1.0 + 1e-9);
         self.visit_near(from, to, reach, |first, brick, grid| {
             let at = first.map(|i| (i / EDGE) as i64);
             let mask = match (&brick.solid, &brick.cells) {
                 (Some(mask), _) => **mask,
                 (None, _) => grid.solid_of(at),
             };
-            for cell in bits::ones(&mask) {
-                let index = index_of(first, cell);
-                let offset = grid.center(index) - from;
-                let part = if length_2 > 0.0 { (offset.dot(&way) / length_2).clamp(0.0, 1.0) } else { 0.0 };
-                let square = (offset - way * part).norm_squared();
-                if square <= reach * reach {
-                    visit(index, square);
+            // Rows of voxels of which none can be so near are not looked at, nor the ends of others: the box around the
+            // segment is not farther than the segment. Rounding may not hide a voxel.
+            let beside = |axis: usize| -> [f64; EDGE] {
+                std::array::from_fn(|cell| {
+                    let at = grid.coordinate(axis, first[axis] + cell);
+                    let gap = (low[axis] - at).max(at - high[axis]).max(0.0);
+                    gap * gap
+                })
+            };
+            let (beside_y, beside_z) = (beside(1), beside(2));
+            let (start, edge) = (grid.coordinate(0, first[0]), grid.spacing().x);
+            for (z, &layer) in mask.iter().enumerate() {
+                let in_layer = square_reach - beside_z[z];
+                if layer == 0 || in_layer < 0.0 {
+                    continue;
+                }
+                for (y, beside) in beside_y.iter().enumerate() {
+                    let row = layer >> (EDGE * y) & 0xff;
+                    let in_row = in_layer - beside;
+                    if row == 0 || in_row < 0.0 {
+                        continue;
+                    }
+                    let half = in_row.sqrt();
+                    // Numbers below 0 become 0.
+                    let begin = (((low.x - half - start) / edge + 1.0 - 1e-6) as u32).min(EDGE as u32);
+                    let end = (((high.x + half - start) / edge + 1.0 + 1e-6) as u32).min(EDGE as u32);
+                    for cell in bits::ones_of(row >> begin << begin & ((1_u64 << end) - 1)) {
+                        let index = index_of(first, cell + EDGE * (y + EDGE * z));
+                        let offset = grid.center(index) - from;
+                        let part = if length_2 > 0.0 { (offset.dot(&way) / length_2).clamp(0.0, 1.0) } else { 0.0 };
+                        let square = (offset - way * part).norm_squared();
+                        if square <= reach * reach {
+                            visit(index, square);
+                        }
+                    }
                 }
             }
             ControlFlow::<()>::Continue(())

@@ -119,3 +119,25 @@ def write(folder):
         # JSON is YAML.
         (folder / name).write_text(json.dumps(content, indent=1))
     (folder / "broken.yaml").write_text("bodies: [BODY A\njoints: []\n")
+
+
+def drill(folder, phantom):
+    """A launch file that names the C++ drilling plugin, and what it is for: a drill at rest, two burrs, the voxels of `phantom`."""
+    folder.mkdir(parents=True)
+    places = {"position": {"x": 0.0, "y": 0.0, "z": 0.02}, "orientation": {"r": 0.0, "p": 0.0, "y": 0.0}}
+    names = ("mastoidectomy_drill", "6mm", "4mm")
+    bodies = {f"BODY {name}": {"name": name, "mass": 0.0, "location": places} for name in names}
+    volume = {"name": "temporal_bone", "nrrd": str(phantom)}
+    content = dict(model(bodies), volumes=["VOLUME temporal_bone"], **{"VOLUME temporal_bone": volume})
+    launch = {
+        "world config": "./world.yaml",
+        "color config": "./colors.yaml",
+        "input devices config": "./devices.yaml",
+        "multibody configs": ["./drill.yaml"],
+        "plugins": [{"name": "volumetric_drilling", "path": "../build", "filename": "libvolumetric_drilling.so"}],
+    }
+    world = {"namespace": "/ambf/env/", "max iterations": 50, "gravity": NOWHERE}
+    files = {"launch": launch, "world": world, "drill": content, "devices": {"input devices": []}}
+    files["colors"] = {"red": {"r": 255, "g": 0, "b": 0, "a": 255}}
+    for name, data in files.items():
+        (folder / f"{name}.yaml").write_text(json.dumps(data, indent=1))

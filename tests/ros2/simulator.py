@@ -18,10 +18,11 @@ FREE = "/ambf/env/Free"
 
 
 class Simulator:
-    """The simulator without windows; index 1 of the launch file is a free box and a wall."""
+    """The simulator without windows. `scene`: a launch file, and which of its models; by default a free box and a wall."""
 
-    def __init__(self, domain, folder, *arguments, **variables):
-        command = [program("ambf_simulator"), "-g", "0", "-l", "1", "--launch_file", folder / "launch.yaml", *arguments]
+    def __init__(self, domain, folder, *arguments, scene=None, **variables):
+        file, index = scene or (folder / "launch.yaml", 1)
+        command = [program("ambf_simulator"), "-g", "0", "-l", str(index), "--launch_file", file, *arguments]
         self.log_file = folder / "log"
         with self.log_file.open("w") as log:
             self.process = subprocess.Popen(

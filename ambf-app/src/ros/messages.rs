@@ -33,15 +33,19 @@ mod generated {
         ambf_msgs / WorldCmd,
         ambf_msgs / WorldState,
         diagnostic_msgs / DiagnosticArray,
+        geometry_msgs / WrenchStamped,
         rosgraph_msgs / Clock,
         sensor_msgs / CameraInfo,
         sensor_msgs / CompressedImage,
         sensor_msgs / Image,
         sensor_msgs / PointCloud,
         sensor_msgs / PointCloud2,
+        std_msgs / Bool,
         std_msgs / Empty,
         std_msgs / Float32,
+        std_msgs / UInt8,
         tf2_msgs / TFMessage,
+        volumetric_drilling_msgs / DrillSize,
         volumetric_drilling_msgs / Index,
         volumetric_drilling_msgs / VolumeInfo,
         volumetric_drilling_msgs / Voxels
@@ -160,6 +164,10 @@ mod tests {
         check::<ambf_msgs::GhostObjectCmd>("ambf_msgs/GhostObjectCmd", "d7be0bb39af8fb9129d5a76e6b63a290");
         check::<ambf_msgs::GhostObjectState>("ambf_msgs/GhostObjectState", "415d13a1e544582332f8da23ceee6c2f");
         // Of the C++ drilling plugin.
+        check::<volumetric_drilling_msgs::DrillSize>(
+            "volumetric_drilling_msgs/DrillSize",
+            "d9d4da25c106b8208dccc4d469ec477b",
+        );
         check::<volumetric_drilling_msgs::Index>("volumetric_drilling_msgs/Index", "95da2541c9d6989c0876f480a9b1c7e4");
         check::<volumetric_drilling_msgs::Voxels>(
             "volumetric_drilling_msgs/Voxels",

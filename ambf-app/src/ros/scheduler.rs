@@ -22,23 +22,38 @@ pub(super) trait Outlet: Send {
 
     /// Makes a message of the newest snapshot and sends it.
     fn publish(&mut self, snapshot: Option<&Snapshot>);
+
+    /// Answers at once, in any thread, whether anybody listens.
+    fn watch(&self) -> Watch;
 }
 
-/// An outlet that makes its messages with a function, which returns `None` while there is nothing to say.
+/// Whether anybody listens to a topic.
+pub(super) type Watch = Box<dyn Fn() -> bool + Send + Sync>;
+
+/// An outlet that makes its messages with a function, which returns `None` while there is nothing to say. That of a latched
+/// topic is asked also while nobody listens.
 pub(super) struct StateOutlet<M: Message, F> {
     pub publication: Arc<Publication<M>>,
+    pub is_latched: bool,
     pub message: F,
 }
 
 impl<M: Message, F: FnMut(Option<&Snapshot>) -> Option<M> + Send> Outlet for StateOutlet<M, F> {
     fn is_wanted(&self) -> bool {
-        self.publication.has_subscribers()
+        // What is sent before it is announced is not kept.
+        let is_heard = self.publication.has_subscribers();
+        is_heard || (self.is_latched && self.publication.is_announced())
     }
 
     fn publish(&mut self, snapshot: Option<&Snapshot>) {
         if let Some(message) = (self.message)(snapshot) {
             self.publication.send(message);
         }
+    }
+
+    fn watch(&self) -> Watch {
+        let publication = Arc::downgrade(&self.publication);
+        Box::new(move || publication.upgrade().is_some_and(|publication| publication.has_subscribers()))
     }
 }
 
@@ -197,6 +212,11 @@ mod tests {
             if !self.needs_snapshot || snapshot.is_some() {
                 self.sent.fetch_add(1, Ordering::Relaxed);
             }
+        }
+
+        fn watch(&self) -> Watch {
+            let wanted = self.wanted;
+            Box::new(move || wanted)
         }
     }
 

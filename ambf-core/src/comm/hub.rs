@@ -258,17 +258,18 @@ impl Hub {
 
     /// All cuts from now on, until the receiver is dropped. It holds 1024 that were not read; of more, the newest are lost.
     pub fn follow_cuts(&self) -> Receiver<Arc<Cut>> {
-        self.cuts.follow()
+        self.follow_cuts_while(|| true)
     }
 
-    /// Whether somebody wants to know of cuts.
-    pub(crate) fn has_cut_followers(&self) -> bool {
-        self.cuts.has_followers()
+    /// As [`follow_cuts`](Self::follow_cuts), but only those that are made while `is_wanted`, which physics asks at each
+    /// cut and which has to answer at once. What nobody wants is not copied.
+    pub fn follow_cuts_while(&self, is_wanted: impl Fn() -> bool + Send + 'static) -> Receiver<Arc<Cut>> {
+        self.cuts.follow(Box::new(is_wanted))
     }
 
-    /// Physics thread: tells of a cut.
-    pub(crate) fn tell_cut(&self, cut: Cut) {
-        self.cuts.tell(cut);
+    /// Physics thread: tells of a cut, if somebody wants to know.
+    pub(crate) fn tell_cut(&self, make: impl FnOnce() -> Cut) {
+        self.cuts.tell(make);
     }
 
     /// All objects that have a State and a Command; the position in this list names an object below. Models that are

@@ -9,7 +9,7 @@ use crossbeam_channel::{bounded, Receiver, Sender, TrySendError};
 use nalgebra::{Isometry3, Vector3};
 use parking_lot::Mutex;
 
-use crate::ids::VolumeId;
+use crate::ids::{BodyId, VolumeId};
 
 /// Commands that may wait, and cuts that may wait for one who reads of them.
 const WAITING: usize = 1024;
@@ -62,6 +62,8 @@ pub struct ToolReading {
     pub is_touching: bool,
     /// Whether it cuts what it touches.
     pub is_on: bool,
+    /// The body that shows its burr; those of its other burrs are not drawn.
+    pub burr: Option<BodyId>,
 }
 
 /// A cut that was made.
@@ -82,8 +84,14 @@ pub struct Cut {
 /// Commands of volumes that wait, and those who want to know of cuts.
 pub(super) struct Cuts {
     waiting: (Sender<Order>, Receiver<Order>),
-    followers: Mutex<Vec<Sender<Arc<Cut>>>>,
+    followers: Mutex<Vec<Follower>>,
     has_followers: AtomicBool,
+}
+
+/// Who wants to know of cuts, and whether now.
+struct Follower {
+    cuts: Sender<Arc<Cut>>,
+    is_wanted: Box<dyn Fn() -> bool + Send>,
 }
 
 /// A command, to which volume, and when it came.
@@ -110,22 +118,62 @@ impl Cuts {
         self.waiting.1.try_recv().ok()
     }
 
-    pub fn follow(&self) -> Receiver<Arc<Cut>> {
-        let (sender, receiver) = bounded(WAITING);
-        self.followers.lock().push(sender);
+    pub fn follow(&self, is_wanted: Box<dyn Fn() -> bool + Send>) -> Receiver<Arc<Cut>> {
+        let (cuts, receiver) = bounded(WAITING);
+        self.followers.lock().push(Follower { cuts, is_wanted });
         self.has_followers.store(true, Ordering::Release);
         receiver
     }
 
-    pub fn has_followers(&self) -> bool {
-        self.has_followers.load(Ordering::Acquire)
-    }
-
-    /// Tells of a cut. Who does not read for so long that there is no room misses it.
-    pub fn tell(&self, cut: Cut) {
-        let cut = Arc::new(cut);
+    /// Tells of a cut, which is made only if somebody wants it now. Who does not read for so long that there is no room
+    /// misses it.
+    pub fn tell(&self, make: impl FnOnce() -> Cut) {
+        if !self.has_followers.load(Ordering::Acquire) {
+            return;
+        }
         let mut followers = self.followers.lock();
-        followers.retain(|follower| !matches!(follower.try_send(Arc::clone(&cut)), Err(TrySendError::Disconnected(_))));
+        let (mut make, mut made) = (Some(make), None);
+        followers.retain(|Follower { cuts, is_wanted }| {
+            if !is_wanted() {
+                return true;
+            }
+            if let Some(make) = make.take() {
+                made = Some(Arc::new(make()));
+            }
+            let sent = made.as_ref().map(|cut| cuts.try_send(Arc::clone(cut)));
+            !matches!(sent, Some(Err(TrySendError::Disconnected(_))))
+        });
         self.has_followers.store(!followers.is_empty(), Ordering::Release);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cut_is_made_once_and_only_for_those_who_want_it() {
+        let cuts = Cuts::default();
+        let made = std::cell::Cell::new(0);
+        let tell = || {
+            cuts.tell(|| {
+                made.set(made.get() + 1);
+                let volume = VolumeId::new(0);
+                Cut { volume, stamp: SystemTime::UNIX_EPOCH, sim_time: 0.0, sim_step: 0, carved: Carved::default() }
+            });
+            made.get()
+        };
+        assert_eq!(tell(), 0, "nobody follows");
+        let wants = Arc::new(AtomicBool::new(false));
+        let later = Arc::clone(&wants);
+        let idle = cuts.follow(Box::new(move || later.load(Ordering::Relaxed)));
+        assert_eq!(tell(), 0, "nobody wants it");
+        let [one, other] = [(); 2].map(|()| cuts.follow(Box::new(|| true)));
+        assert_eq!((tell(), one.len(), other.len(), idle.len()), (1, 1, 1, 0));
+        drop(one);
+        wants.store(true, Ordering::Relaxed);
+        assert_eq!((tell(), other.len(), idle.len()), (2, 2, 1));
+        drop((other, idle));
+        assert_eq!((tell(), tell()), (3, 3), "who has gone is asked once more");
     }
 }

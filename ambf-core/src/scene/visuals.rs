@@ -212,6 +212,9 @@ pub struct VisualVolume {
     /// The voxels when it was made; `None`: it is empty, or they cannot be read. Those of now are in
     /// [`Snapshot::voxels`](crate::comm::Snapshot::voxels).
     pub voxels: Option<Arc<VoxelGrid>>,
+    /// (tools x burrs) bodies that show burrs: of each tool, that of
+    /// [`ToolReading::burr`](crate::comm::ToolReading::burr) is drawn.
+    pub burrs: Vec<Vec<BodyId>>,
 }
 
 impl VisualBody {
@@ -379,6 +382,7 @@ impl Scene {
             object: object(&volume.attached.identity),
             description: Arc::clone(&volume.description),
             voxels: volume.first_voxels().cloned(),
+            burrs: volume.tools.iter().map(|tool| tool.burr_bodies.iter().flatten().copied().collect()).collect(),
         };
         let joint = |joint: &super::Joint| VisualJoint {
             name: joint.name.as_str().into(),

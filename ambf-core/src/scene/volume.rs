@@ -11,14 +11,17 @@ use thiserror::Error;
 use super::attached::Attached;
 use super::build::Builder;
 use super::list::SceneObject;
-use super::tool::{SavedTool, Tool};
+use super::tool::{self, SavedTool, Tool};
 use super::{Identity, ObjectType, Parent, Scene};
 use crate::adf::{self, Severity};
-use crate::comm::{CarveCommand, Snapshot};
-use crate::ids::VolumeId;
+use crate::comm::{CarveCommand, Snapshot, ToolReading};
+use crate::ids::{BodyId, VolumeId};
 
-/// Voxels of a cut that take no new memory.
+/// Voxels of a cut by tools that take no new memory.
 const ROOM: usize = 1 << 14;
+
+/// Voxels for which room is kept after a larger cut.
+const KEPT: usize = 1 << 16;
 
 /// A volume of a [`Scene`].
 #[derive(Debug, Clone)]
@@ -66,6 +69,24 @@ pub enum VolumeError {
     /// Error when a volume has no tool of a number, or a radius is not positive and finite.
     #[error("volume `{0}` has no such tool, or its radius is not positive")]
     Tool(String),
+    /// Error when a tool has burrs, and none of them has a radius.
+    #[error("no burr of this tool of volume `{volume}` has a radius of {radius} m; there are {known}")]
+    Burr {
+        /// The volume.
+        volume: String,
+        /// What was asked for, m.
+        radius: f64,
+        /// Radii of those that it has, in words.
+        known: String,
+    },
+    /// Error when a tool is to be added whose bodies are not there, or whose numbers are not usable.
+    #[error("a tool of volume `{volume}` is not added: {why}")]
+    NewTool {
+        /// The volume.
+        volume: String,
+        /// A sentence.
+        why: String,
+    },
     /// Error when the cut is not described by usable numbers.
     #[error(transparent)]
     Carve(#[from] CarveError),
@@ -132,6 +153,7 @@ impl SceneObject for Volume {
     fn update(scene: &mut Scene, id: Self::Id, _sub_step: f64, interval: f64) {
         let volume = &mut scene.volumes[id];
         volume.cut.clear();
+        volume.cut.shrink_to(KEPT);
         if volume.tools.is_empty() || volume.voxels.is_none() {
             return;
         }
@@ -186,7 +208,7 @@ impl Scene {
     ///
     /// # Errors
     /// [`VolumeError`]; nothing is cut then.
-    pub(crate) fn carve(&mut self, id: VolumeId, command: &CarveCommand) -> Result<&Carved, VolumeError> {
+    pub(crate) fn carve(&mut self, id: VolumeId, command: &CarveCommand) -> Result<Carved, VolumeError> {
         let volume = self.volumes.get(id).ok_or(VolumeError::Unknown)?;
         let pose = self.global_pose(volume.attached.parent, &volume.attached.pose);
         let volume = &mut self.volumes[id];
@@ -199,7 +221,8 @@ impl Scene {
         };
         let local = |there: &Isometry3<f64>| if command.in_world { pose.inv_mul(there) } else { *there };
         let stroke = Stroke { from: local(&command.from), to: local(&command.to) };
-        Ok(carver.carve_shared(now, &command.shape, &stroke, command.rule)?)
+        carver.carve_shared(now, &command.shape, &stroke, command.rule)?;
+        Ok(carver.take_carved())
     }
 
     /// Switches a tool of a volume, or gives it another burr.
@@ -219,8 +242,82 @@ impl Scene {
         if !is_usable || tool >= volume.tools.len() {
             return Err(VolumeError::Tool(name()));
         }
+        if let Some(radius) = radius.filter(|radius| !volume.tools[tool].takes(*radius)) {
+            let radii = volume.tools[tool].description().burrs.iter().map(|burr| format!("{} m", burr.radius));
+            let known = radii.collect::<Vec<_>>().join(", ");
+            return Err(VolumeError::Burr { volume: name(), radius, known });
+        }
         volume.tools[tool].set(on, radius);
         Ok(())
+    }
+
+    /// Adds a tool to those of a volume; its place among them. For as long as the scene lasts: a reset keeps it.
+    ///
+    /// # Errors
+    /// [`VolumeError::Unknown`], [`VolumeError::Empty`], [`VolumeError::NotCarvable`], [`VolumeError::NewTool`].
+    pub(crate) fn add_tool(&mut self, id: VolumeId, tool: &adf::VolumeTool) -> Result<usize, VolumeError> {
+        let volume = self.volumes.get(id).ok_or(VolumeError::Unknown)?;
+        let name = volume.attached.identity.key();
+        if volume.voxels.is_none() {
+            return Err(VolumeError::Empty(name));
+        }
+        if !volume.description.carvable {
+            return Err(VolumeError::NotCarvable(name));
+        }
+        let refuse = |why: String| VolumeError::NewTool { volume: name.clone(), why };
+        if !tool.is_usable() {
+            return Err(refuse("one of its numbers is not finite, or has the wrong sign".into()));
+        }
+        let find = |body: &String| match self.find_parent(Parent::Volume(id), body) {
+            Ok(Parent::Body(body)) => Ok(body),
+            found => Err(refuse(format!("`{body}`: {}", found.err().unwrap_or_else(|| "no body".into())))),
+        };
+        let mut made = Tool::new(tool.clone());
+        made.body = Some(find(&tool.body)?);
+        for (place, burr) in tool.burrs.iter().enumerate().filter(|(_, burr)| !burr.body.is_empty()) {
+            made.burr_bodies[place] = Some(find(&burr.body)?);
+        }
+        let volume = &mut self.volumes[id];
+        volume.tools.push(made);
+        if tool::cuts(tool) {
+            volume.cut = Carved::with_room(ROOM);
+        }
+        let place = volume.tools.len() - 1;
+        self.choose_leading_tools();
+        Ok(place)
+    }
+
+    /// Of the tools that a body is, the first shows the burr while none touches.
+    fn choose_leading_tools(&mut self) {
+        let mut led = Vec::new();
+        for id in self.volumes.ids().collect::<Vec<_>>() {
+            for tool in &mut self.volumes[id].tools {
+                tool.leads = tool.body.is_none_or(|body| !led.contains(&body));
+                led.extend(tool.body);
+            }
+        }
+    }
+
+    /// Switches the tools that a body is: on if the first is off, else off.
+    pub(crate) fn switch_tools_of(&mut self, body: BodyId) {
+        let mut on = None;
+        let volumes = self.volumes.ids();
+        for id in volumes {
+            for tool in self.volumes[id].tools.iter_mut().filter(|tool| tool.body == Some(body)) {
+                let on = *on.get_or_insert(!tool.reading().is_on);
+                tool.set(Some(on), None);
+            }
+        }
+    }
+
+    /// What a tool of a volume does; `None`: there is none.
+    pub fn tool(&self, id: VolumeId, tool: usize) -> Option<ToolReading> {
+        self.volumes.get(id)?.tools.get(tool).map(Tool::reading)
+    }
+
+    /// How many tools all volumes have together.
+    pub(crate) fn tool_count(&self) -> usize {
+        self.volumes.iter().map(|volume| volume.tools.len()).sum()
     }
 
     /// Gives a volume the voxels of the start back.
@@ -254,7 +351,7 @@ impl Builder<'_> {
                     location = read.pose;
                 }
                 let (first, now) = (Arc::clone(&read.grid), read.grid);
-                Some(Voxels { first, now, carver: Carver::with_room(ROOM) })
+                Some(Voxels { first, now, carver: Carver::default() })
             }
             Some(Err(why)) => {
                 let message = format!("`{}`: {why}; the volume is empty", volume.common.identifier);
@@ -265,7 +362,7 @@ impl Builder<'_> {
         let attached = Attached::new(identity, location);
         let tools = volume.tools.iter().map(|tool| Tool::new(tool.clone())).collect();
         let description = Arc::new(volume.clone());
-        let cuts = volume.tools.iter().any(|tool| tool.rate > 0.0);
+        let cuts = volume.tools.iter().any(tool::cuts);
         let cut = Carved::with_room(if cuts { ROOM } else { 0 });
         self.scene.volumes.push(Volume { attached, description, voxels, tools, cut });
     }
@@ -274,23 +371,36 @@ impl Builder<'_> {
     pub(super) fn resolve_tools(&mut self) {
         for id in self.scene.volumes.ids().collect::<Vec<_>>() {
             for place in 0..self.scene.volumes[id].tools.len() {
-                let volume = &self.scene.volumes[id];
-                if volume.tools[place].body.is_some() {
+                let tool = &self.scene.volumes[id].tools[place];
+                if tool.body.is_some() {
                     continue;
                 }
-                let (name, source) =
-                    (volume.description.tools[place].body.clone(), volume.description.common.source.clone());
-                match self.scene.find_parent(Parent::Volume(id), &name) {
-                    Ok(Parent::Body(body)) => self.scene.volumes[id].tools[place].body = Some(body),
-                    found => {
-                        let why = found.err().unwrap_or_else(|| "no body".to_owned());
-                        let message = format!(
-                            "tool {place} of `{}`: `{name}`: {why}",
-                            self.scene.volumes[id].attached.identity.key()
-                        );
-                        self.note_wanted(Severity::Warning, &source, message, &name);
-                    }
-                }
+                let names: Vec<_> = tool.description().burrs.iter().map(|burr| burr.body.clone()).collect();
+                let body = tool.description().body.clone();
+                let body = self.tool_body(id, place, &body);
+                let burrs = names.iter().map(|name| {
+                    let is_named = !name.is_empty();
+                    is_named.then(|| self.tool_body(id, place, name)).flatten()
+                });
+                let burrs = burrs.collect();
+                let tool = &mut self.scene.volumes[id].tools[place];
+                (tool.body, tool.burr_bodies) = (body, burrs);
+            }
+        }
+        self.scene.choose_leading_tools();
+    }
+
+    /// A body that a tool of a volume names; `None`, and a note, where there is none.
+    fn tool_body(&mut self, id: VolumeId, place: usize, name: &str) -> Option<BodyId> {
+        match self.scene.find_parent(Parent::Volume(id), name) {
+            Ok(Parent::Body(body)) => Some(body),
+            found => {
+                let volume = &self.scene.volumes[id];
+                let why = found.err().unwrap_or_else(|| "no body".to_owned());
+                let message = format!("tool {place} of `{}`: `{name}`: {why}", volume.attached.identity.key());
+                let source = volume.description.common.source.clone();
+                self.note_wanted(Severity::Warning, &source, message, name);
+                None
             }
         }
     }

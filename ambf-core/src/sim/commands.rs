@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::physics::Physics;
 use super::session::Entry;
 use super::{LostState, Nearness, Reset, Simulation};
-use crate::adf::ObjectType;
+use crate::adf::{ObjectType, VolumeTool};
 use crate::comm::{
     Activity, ActuatorCommand, CarveCommand, Channel, Command, Cut, Hub, HubIndex, HubObject, Inbox, JointCommandType,
     ObjectKind, ObjectList, PoseCommand, Resets, RigidBodyCommand, Snapshot, SnapshotWriter, Timing, VehicleCommand,
@@ -429,14 +429,13 @@ impl Simulation {
     ///
     /// # Errors
     /// [`VolumeError`]; nothing is cut then.
-    pub fn carve(&mut self, volume: VolumeId, command: &CarveCommand) -> Result<&Carved, VolumeError> {
+    pub fn carve(&mut self, volume: VolumeId, command: &CarveCommand) -> Result<Carved, VolumeError> {
         self.physics.note(&Entry::Carve { volume: volume.index(), command: Cow::Borrowed(command) });
         let (stamp, sim_time, sim_step) =
             (self.physics.stamp_now(), self.physics.time.sim_time, self.physics.sim_step());
         let carved = self.physics.scene.carve(volume, command)?;
-        let hub = self.link.as_ref().map(|link| &link.hub).filter(|hub| hub.has_cut_followers());
-        if let Some(hub) = hub.filter(|_| !carved.indices.is_empty()) {
-            hub.tell_cut(Cut { volume, stamp, sim_time, sim_step, carved: carved.clone() });
+        if let Some(link) = self.link.as_ref().filter(|_| !carved.indices.is_empty()) {
+            link.hub.tell_cut(|| Cut { volume, stamp, sim_time, sim_step, carved: carved.clone() });
         }
         Ok(carved)
     }
@@ -452,24 +451,28 @@ impl Simulation {
         on: Option<bool>,
         radius: Option<f64>,
     ) -> Result<(), VolumeError> {
-        self.physics.note(&Entry::Tool { volume: volume.index(), tool, on, radius });
-        self.physics.scene.set_tool(volume, tool, on, radius)
+        self.physics.set_tool(volume, tool, on, radius)
+    }
+
+    /// Adds a tool to those of a volume, for as long as the scene lasts; its place among them.
+    ///
+    /// # Errors
+    /// [`VolumeError`]; nothing is added then.
+    pub fn add_tool(&mut self, volume: VolumeId, tool: &VolumeTool) -> Result<usize, VolumeError> {
+        let place = self.physics.add_tool(volume, tool)?;
+        self.show_changed_looks();
+        Ok(place)
     }
 
     /// Tells what tools have cut in the latest update.
     pub(super) fn tell_cuts(&self) {
-        let Some(hub) = self.link.as_ref().map(|link| &link.hub).filter(|hub| hub.has_cut_followers()) else { return };
+        let Some(link) = &self.link else { return };
         for (volume, found) in self.physics.scene.volumes.entries() {
             let carved = found.cut_by_tools();
             if !carved.indices.is_empty() {
                 let (sim_time, sim_step) = (self.physics.time.sim_time, self.physics.sim_step());
-                hub.tell_cut(Cut {
-                    volume,
-                    stamp: self.physics.stamp_now(),
-                    sim_time,
-                    sim_step,
-                    carved: carved.clone(),
-                });
+                let stamp = self.physics.stamp_now();
+                link.hub.tell_cut(|| Cut { volume, stamp, sim_time, sim_step, carved: carved.clone() });
             }
         }
     }
@@ -497,8 +500,7 @@ impl Simulation {
     /// # Errors
     /// [`VolumeError::Unknown`].
     pub fn restore_voxels(&mut self, volume: VolumeId) -> Result<(), VolumeError> {
-        self.physics.note(&Entry::RestoreVoxels { volume: volume.index() });
-        self.physics.scene.restore_voxels(volume)
+        self.physics.restore_voxels(volume)
     }
 
     /// Draws the node of a soft body that is nearest to `point` (m, world axes) and within `radius` of it towards

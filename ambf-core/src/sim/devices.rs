@@ -16,6 +16,10 @@ use crate::device::law::{joint_target, Drive, EffectorInput, EffectorOutput, End
 use crate::ids::{BodyId, CameraId, JointId, SensorId, Table};
 use crate::scene::{EndEffectorParts, PreparedEndEffector, Scene};
 
+/// A gripper switches tools when it comes below this, and again after it was above the other: 0 is closed, 1 open.
+const CLOSES_BELOW: f64 = 0.3;
+const OPENS_ABOVE: f64 = 0.5;
+
 /// All devices of a simulation.
 pub(super) struct Devices {
     list: Vec<Coupled>,
@@ -37,6 +41,8 @@ struct Coupled {
     cameras_moved: CameraSum,
     parts: EndEffectorParts,
     is_there: bool,
+    /// Whether its gripper, or the button that stands for one, is closed.
+    is_closed: bool,
     /// (bodies x 1) what is not gripped: the root link and all below it.
     own: Table<BodyId, bool>,
     /// Joints below the root link.
@@ -59,6 +65,7 @@ impl Coupled {
             cameras_moved: CameraSum::default(),
             parts,
             is_there: true,
+            is_closed: false,
             own: Table::default(),
             joints: Vec::new(),
             sensors: Vec::new(),
@@ -145,6 +152,13 @@ impl Coupled {
             Grip::Release if actuator.is_actuated() => actuator.release(world, bodies),
             Grip::Attach | Grip::Release | Grip::Leave => (),
         }
+    }
+
+    /// Whether its gripper has been closed since this was asked the last time.
+    fn has_closed(&mut self, gripper: f64) -> bool {
+        let limit = if self.is_closed { OPENS_ABOVE } else { CLOSES_BELOW };
+        let was_closed = std::mem::replace(&mut self.is_closed, gripper < limit);
+        self.is_closed && !was_closed
     }
 
     fn drive_root(&self, physics: &mut Physics, output: &EffectorOutput) {
@@ -241,6 +255,9 @@ impl Devices {
                 gripping_assist: switches.gripping_assist,
             });
             device.grip(&mut physics.scene, output.grip);
+            if device.has_closed(hand.gripper) {
+                physics.scene.switch_tools_of(device.parts.root);
+            }
             device.drive_root(physics, &output);
             if let Some(opening) = output.joints {
                 device.drive_joints(physics, opening);
@@ -317,7 +334,8 @@ impl Simulation {
         devices.list.iter().for_each(|device| recorder.note(&device.entry()));
         recorder.note(&Entry::Period { period: devices.nominal_dt });
         devices.noted_assist = None;
-        devices.list.iter_mut().for_each(|device| device.noted = None);
+        // A replay begins with open hands.
+        devices.list.iter_mut().for_each(|device| (device.noted, device.is_closed) = (None, false));
     }
 
     /// Changes a gain of the `device`-th device as its user did; false if there is no such device.

@@ -182,8 +182,12 @@ impl Simulation {
         }
         let key = self.physics.scene.models[index].key.clone();
         let mut report = report.to_string().trim_end().to_owned();
+        let tools = self.physics.scene.tool_count();
         for problem in self.start_model_plugins(index) {
             report += &format!("{}{problem}", if report.is_empty() { "" } else { "\n" });
+        }
+        if self.physics.scene.tool_count() != tools {
+            self.show_changed_looks();
         }
         Ok(AddedModel { key, report, incomplete })
     }

@@ -1,16 +1,18 @@
 //! A scene in time: what a step does to it, and what commands do to it.
 
+use std::borrow::Cow;
 use std::time::{Duration, Instant, SystemTime};
 
 use nalgebra::Vector3;
 
 use super::session::{Entry, Recorder, SinceStart, HASH_INTERVAL};
 use super::targets::ActiveTargets;
+use crate::adf::VolumeTool;
 use crate::bullet::PlausibleBounds;
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand, Snapshot, Timing, Wrench};
 use crate::control::Profile;
-use crate::ids::{BodyId, JointId, Table};
-use crate::scene::Scene;
+use crate::ids::{BodyId, JointId, Table, VolumeId};
+use crate::scene::{Scene, VolumeError};
 
 /// Simulated time.
 #[derive(Debug, Clone, Copy, Default)]
@@ -208,6 +210,40 @@ impl Physics {
             snapshot.joint_wrenches[i] = joint.wrench;
         }
         scene.fill_elements(snapshot);
+    }
+
+    /// Adds a tool to those of a volume; its place among them.
+    ///
+    /// # Errors
+    /// [`VolumeError`]; nothing is added then.
+    pub fn add_tool(&mut self, volume: VolumeId, tool: &VolumeTool) -> Result<usize, VolumeError> {
+        let place = self.scene.add_tool(volume, tool)?;
+        self.note(&Entry::NewTool { volume: volume.index(), tool: Cow::Borrowed(tool) });
+        Ok(place)
+    }
+
+    /// Switches a tool of a volume, or gives it another tip.
+    ///
+    /// # Errors
+    /// [`VolumeError`]; nothing has changed then.
+    pub fn set_tool(
+        &mut self,
+        volume: VolumeId,
+        tool: usize,
+        on: Option<bool>,
+        radius: Option<f64>,
+    ) -> Result<(), VolumeError> {
+        self.note(&Entry::Tool { volume: volume.index(), tool, on, radius });
+        self.scene.set_tool(volume, tool, on, radius)
+    }
+
+    /// Gives a volume the voxels of the start back, as a reset does.
+    ///
+    /// # Errors
+    /// [`VolumeError::Unknown`].
+    pub fn restore_voxels(&mut self, volume: VolumeId) -> Result<(), VolumeError> {
+        self.note(&Entry::RestoreVoxels { volume: volume.index() });
+        self.scene.restore_voxels(volume)
     }
 
     /// Applies a whole command to a body; it acts in the next update.

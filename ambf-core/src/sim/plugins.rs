@@ -10,14 +10,14 @@ use nalgebra::{Isometry3, Vector3};
 use super::physics::{Physics, Time};
 use super::session::Entry;
 use super::Simulation;
-use crate::adf::{node_text, PluginEntry, SourcePos};
+use crate::adf::{node_text, PluginEntry, SourcePos, VolumeTool};
 use crate::bullet::{Constraint, ConstraintHandle, ConstraintKind, Ray, RayTarget};
-use crate::comm::{JointCommandType, Resets, RigidBodyCommand};
+use crate::comm::{JointCommandType, Resets, RigidBodyCommand, ToolReading};
 use crate::ids::{BodyId, CameraId, GhostId, Id, JointId, LightId, ModelId, SoftBodyId, Table, VehicleId, VolumeId};
 use crate::plugin::run::{Access, Phase, Plugins, Shared, TextOf, Wanted};
 use crate::plugin::{
     BodyState, Clock, Command, CommandError, Drawings, Hit, Input, JointFrame, JointState, ObjectId, ObjectType,
-    PluginReport, PluginSetup, StateSnapshot, Subject, Touch,
+    PluginReport, PluginSetup, StateSnapshot, Subject, ToolState, Touch,
 };
 use crate::scene::{Joint, JointType, Scene};
 
@@ -570,6 +570,32 @@ impl Access for SceneAccess<'_> {
             impulse: contact.impulse,
         }));
         Some(())
+    }
+
+    fn add_tool(&mut self, volume: usize, tool: &VolumeTool) -> Result<usize, String> {
+        self.physics.add_tool(VolumeId::new(volume), tool).map_err(|error| error.to_string())
+    }
+
+    fn tool(&self, volume: usize, tool: usize) -> Option<ToolState> {
+        let volume: VolumeId = self.live(volume).ok()?;
+        let ToolReading { radius, is_on, is_touching, force, .. } = self.physics.scene.tool(volume, tool)?;
+        Some(ToolState { radius, is_on, is_touching, force })
+    }
+
+    fn set_tool(
+        &mut self,
+        volume: usize,
+        tool: usize,
+        on: Option<bool>,
+        radius: Option<f64>,
+    ) -> Result<(), CommandError> {
+        let volume = self.live(volume)?;
+        self.physics.set_tool(volume, tool, on, radius).map_err(|_| CommandError::Refused)
+    }
+
+    fn restore_voxels(&mut self, volume: usize) -> Result<(), CommandError> {
+        let volume = self.live(volume)?;
+        self.physics.restore_voxels(volume).map_err(|_| CommandError::Refused)
     }
 
     fn execute(&mut self, command: &Command) -> Result<u64, CommandError> {

@@ -276,7 +276,7 @@ impl Stepper {
     /// # Errors
     /// [`VolumeError`]; nothing is cut then.
     pub fn carve(&mut self, volume: VolumeId, command: &CarveCommand) -> Result<Carved, VolumeError> {
-        let carved = self.simulation.carve(volume, command)?.clone();
+        let carved = self.simulation.carve(volume, command)?;
         self.published.publish(&mut self.simulation);
         Ok(carved)
     }

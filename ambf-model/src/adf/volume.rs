@@ -103,6 +103,36 @@ pub struct VolumeTool {
     pub friction: f64,
     /// Most of the force of each ball, N; positive. Default: 3.3.
     pub largest_force: f64,
+    /// Tips that it can have, of which [`tip`](Self::tip) has the radius of one at the start. Default: that one only.
+    pub burrs: Vec<ToolBurr>,
+}
+
+/// A tip that a tool can have.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ToolBurr {
+    /// Name of the body that shows it where the volume lets it be; those of others are not drawn. Empty: none.
+    pub body: String,
+    /// m; positive.
+    pub radius: f64,
+    /// What it cuts while it touches, m³/s of hardness 1; not negative. Default: that of the tool.
+    pub rate: f64,
+    /// Voxels that it removes in every second update in which it touches, whatever they are, instead of a rate: what the
+    /// C++ drilling plugin does. Default: 0, none.
+    pub count: u32,
+}
+
+impl VolumeTool {
+    /// Whether all numbers are as a reader lets them through.
+    pub fn is_usable(&self) -> bool {
+        let Self { tip, cursors, rate, stiffness, damping, friction, largest_force, burrs, body: _, on: _ } = self;
+        let positive = |number: f64| number.is_finite() && number > 0.0;
+        let not_negative = |number: f64| number.is_finite() && number >= 0.0;
+        let mut balls = std::iter::once(tip).chain(cursors);
+        balls.all(|ball| ball.position.iter().all(|c| c.is_finite()) && positive(ball.radius))
+            && [stiffness, largest_force].iter().all(|&&number| positive(number))
+            && [rate, damping, friction].iter().all(|&&number| not_negative(number))
+            && burrs.iter().all(|burr| positive(burr.radius) && not_negative(burr.rate))
+    }
 }
 
 /// A ball of a tool.
@@ -136,9 +166,27 @@ impl VolumeTool {
             damping: or("damping", Range::NotNegative, 0.0),
             friction: or("friction", Range::NotNegative, 0.0),
             largest_force: or("largest force", Range::Positive, 3.3),
+            burrs: map
+                .maps("burrs")
+                .iter()
+                .map(|burr| ToolBurr::read(burr, or("rate", Range::NotNegative, 0.0)))
+                .collect(),
         };
         map.finish();
         tool
+    }
+}
+
+impl ToolBurr {
+    fn read(map: &Map<'_>, rate: f64) -> Self {
+        let burr = Self {
+            body: map.string("body").unwrap_or_default(),
+            radius: map.need_real_in("radius", Range::Positive),
+            rate: map.real_in("rate", Range::NotNegative).unwrap_or(rate),
+            count: map.uint("count").unwrap_or(0),
+        };
+        map.finish();
+        burr
     }
 }
 
@@ -265,6 +313,12 @@ mod tests {
         let tools = &clean::<Model>(tool).volumes[0].tools;
         assert_eq!((tools[0].body.as_str(), tools[0].tip.position.z, tools[0].rate), ("drill", 1.0, 3e-8));
         assert_eq!((tools[0].cursors.len(), tools[0].stiffness, tools[0].largest_force), (1, 700.0, 2.0));
+        assert_eq!(tools[0].burrs, []);
+        let burrs = "volumes: [V]\nV: {tools: [{body: drill, tip: {radius: 0.003}, rate: 3.0e-8, \
+                     burrs: [{body: 6mm, radius: 0.003}, {radius: 0.001, rate: 0, count: 3}]}]}\n";
+        let burr = |body: &str, radius, rate, count| ToolBurr { body: body.into(), radius, rate, count };
+        let burrs = &clean::<Model>(burrs).volumes[0].tools[0].burrs;
+        assert_eq!(burrs, &[burr("6mm", 0.003, 3e-8, 0), burr("", 0.001, 0.0, 3)]);
         let wrong = "volumes: [V]\nV: {labels: [{color: {r: 2, g: 0, b: 0}, hardness: 0}]}\nbodies: []\n";
         assert!(read::<Model>(wrong).1.len() >= 2);
     }

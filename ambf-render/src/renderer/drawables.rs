@@ -1,5 +1,6 @@
 //! What is drawn of a stage at one moment: its objects, then markers.
 
+use ambf_core::ids::BodyId;
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 
 use super::build::scaling;
@@ -77,6 +78,17 @@ fn put_frame<'a>(drawables: &mut Vec<Drawable<'a>>, shapes: &'a Shapes, pose: &I
     }
 }
 
+/// Bodies of the burrs that tools do not have now.
+fn spare_burrs(built: &Built) -> Vec<BodyId> {
+    let mut spare = Vec::new();
+    for ((_, volume), tools) in built.visuals.volumes.entries().zip(built.snapshot.tools.iter()) {
+        for (burrs, tool) in volume.burrs.iter().zip(tools) {
+            spare.extend(burrs.iter().filter(|&&burr| Some(burr) != tool.burr));
+        }
+    }
+    spare
+}
+
 /// Everything that is drawn of a stage, objects first; and how many of it are objects.
 pub(super) fn drawables<'a>(
     built: &'a Built,
@@ -86,8 +98,12 @@ pub(super) fn drawables<'a>(
     marker_parts: &'a [Option<Part>],
 ) -> (Vec<Drawable<'a>>, usize) {
     let mut drawables: Vec<Drawable<'a>> = Vec::with_capacity(built.items.len());
+    let spare = spare_burrs(built);
     for item in &built.items {
         let object = &built.objects[item.object];
+        if matches!(object.source, Source::Body(body) if spare.contains(&body)) {
+            continue;
+        }
         let mut look = item.look;
         if let Some(highlight) = flags.highlight.filter(|highlight| object.source == Source::Body(highlight.body)) {
             let [r, g, b] = highlight.color;

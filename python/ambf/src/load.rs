@@ -93,6 +93,7 @@ pub fn load_world(wanted: &Wanted) -> Result<Made, Vec<String>> {
     let without: Connect = Arc::new(|| Ok(Vec::new()));
     let mut plugins = wanted.plugins.clone();
     plugins.extend(crtk::plugin::register(&mut registry, &wanted.crtk, &without, &arms, wanted.seed));
+    drill::register(&mut registry);
     let setup = PluginSetup {
         registry,
         search: Search::from_environment(),

@@ -21,7 +21,7 @@ use super::super::point_cloud::PointClouds;
 use super::super::received::{self, FromClient};
 use super::super::recordings;
 use super::super::ros_args::PROGRAM;
-use super::super::scheduler::Outlet;
+use super::super::scheduler::{Outlet, Watch};
 use super::super::signal::RateLimitedLog;
 use super::super::step;
 use super::super::topics::ServeContext;
@@ -113,21 +113,24 @@ impl Transport {
         }
     }
 
-    /// An outlet for `topic`; `None` where that cannot be.
+    /// An outlet for `topic`, whose last message subscribers get that come later if it is latched; `None` where that
+    /// cannot be.
     pub fn publish<M: Message>(
         &self,
         topic: &str,
         rates: Rates,
+        is_latched: bool,
         message: impl FnMut(Option<&Snapshot>) -> Option<M> + Send + 'static,
     ) -> Option<Box<dyn Outlet>> {
         let made = self.with_node(topic, |node| {
             let (name, description) = described::<M>()?;
             let stamped = description.fields().first().is_some_and(|field| field.name == "header");
-            let publication = node.publish(topic, &name, Qos::states(f64::from(rates.max)))?;
+            let qos = if is_latched { Qos::latched() } else { Qos::states(f64::from(rates.max)) };
+            let publication = node.publish(topic, &name, qos)?;
             Ok((publication, Converted::new(&description)?, stamped))
         });
         let (publication, bytes, stamped) = made?;
-        Some(Box::new(StateOutlet { publication, message, bytes, stamped }))
+        Some(Box::new(StateOutlet { publication, message, bytes, stamped, is_latched }))
     }
 
     /// A topic of the current node whose last message subscribers get that come later; `None` where that cannot be.
@@ -285,11 +288,12 @@ struct StateOutlet<F> {
     bytes: Converted,
     /// Whether the message begins with a header.
     stamped: bool,
+    is_latched: bool,
 }
 
 impl<M: Message, F: FnMut(Option<&Snapshot>) -> Option<M> + Send> Outlet for StateOutlet<F> {
     fn is_wanted(&self) -> bool {
-        self.publication.is_matched()
+        self.is_latched || self.publication.is_matched()
     }
 
     fn publish(&mut self, snapshot: Option<&Snapshot>) {
@@ -310,6 +314,11 @@ impl<M: Message, F: FnMut(Option<&Snapshot>) -> Option<M> + Send> Outlet for Sta
             // What a client that hangs does not read is lost, and counted.
             let _ = self.publication.send(cdr);
         }
+    }
+
+    fn watch(&self) -> Watch {
+        let publication = Arc::downgrade(&self.publication);
+        Box::new(move || publication.upgrade().is_some_and(|publication| publication.is_matched()))
     }
 }
 

@@ -23,7 +23,7 @@ use super::models::ModelHost;
 use super::parameters::ParameterChange;
 use super::received::{self, FromClient};
 use super::recordings::RecordHost;
-use super::scheduler::{is_live, Entry, StateOutlet};
+use super::scheduler::{is_live, Entry, Outlet, StateOutlet, Watch};
 use super::signal::{OnceLog, RateLimitedLog, Waker};
 use super::step::{Kind, Steppable, Steppables};
 use super::Extras;
@@ -131,17 +131,48 @@ impl Builder<'_> {
         commanded: bool,
         message: impl FnMut(Option<&Snapshot>) -> Option<M> + Send + 'static,
     ) {
+        self.publish_as(topic, rates, (commanded, false), message);
+    }
+
+    /// Publishes on `topic` what is new, for subscribers that come later too; `rates`: how often that is looked for.
+    fn publish_latched<M: Message>(
+        &mut self,
+        topic: String,
+        rates: Rates,
+        message: impl FnMut(Option<&Snapshot>) -> Option<M> + Send + 'static,
+    ) {
+        self.publish_as(topic, rates, (false, true), message);
+    }
+
+    /// Publishes on `topic`; what tells whether anybody listens, unless there can be no such topic.
+    fn publish_as<M: Message>(
+        &mut self,
+        topic: String,
+        rates: Rates,
+        (commanded, is_latched): (bool, bool),
+        message: impl FnMut(Option<&Snapshot>) -> Option<M> + Send + 'static,
+    ) -> Option<Watch> {
+        let outlet = self.outlet(self.around.arguments.mapped(topic), rates, is_latched, message)?;
+        let watch = outlet.watch();
+        self.served.entries.push(Entry::new(outlet, rates, self.object, commanded, self.around.hub.now()));
+        Some(watch)
+    }
+
+    #[cfg_attr(not(feature = "ros2"), allow(unused_variables, reason = "rates are those of ROS 2's windows"))]
+    fn outlet<M: Message>(
+        &mut self,
+        topic: String,
+        rates: Rates,
+        is_latched: bool,
+        message: impl FnMut(Option<&Snapshot>) -> Option<M> + Send + 'static,
+    ) -> Option<Box<dyn Outlet>> {
         #[cfg(feature = "ros2")]
         if let Some(ros2) = &self.around.ros2 {
-            let outlet = ros2.publish(&self.around.arguments.mapped(topic), rates, message);
-            let entry = |outlet| Entry::new(outlet, rates, self.object, commanded, self.around.hub.now());
-            self.served.entries.extend(outlet.map(entry));
-            return;
+            return ros2.publish(&topic, rates, is_latched, message);
         }
-        let publication = Publication::new(self.around.arguments.mapped(topic));
+        let publication = if is_latched { Publication::latched(topic) } else { Publication::new(topic) };
         self.served.announcements.push(Arc::clone(&publication) as Arc<dyn Announcement>);
-        let outlet = Box::new(StateOutlet { publication, message });
-        self.served.entries.push(Entry::new(outlet, rates, self.object, commanded, self.around.hub.now()));
+        Some(Box::new(StateOutlet { publication, is_latched, message }))
     }
 
     fn subscribe<M: FromClient>(&mut self, topic: String, on_message: impl FnMut(M) + Send + 'static) {

@@ -2,20 +2,22 @@
 //!
 //! They belong to the world: volumes have no State. A scene that has none when the program starts has no such topics.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use ambf_core::comm::{CarveCommand, Cut, Hub, PostError, Rates, Snapshot, VolumeCommand};
+use ambf_core::comm::{CarveCommand, Cut, Hub, PostError, Rates, Snapshot, ToolReading, VolumeCommand};
 use ambf_core::ids::VolumeId;
-use ambf_core::scene::VisualScene;
+use ambf_core::scene::{VisualScene, VisualVolume};
 use ambf_core::volume::{Rule, Shape};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use super::Builder;
 use crate::ros::messages::{
-    ambf_msgs, from_point, from_quaternion, geometry_msgs, narrow, pose, std_msgs, time, volumetric_drilling_msgs,
+    ambf_msgs, from_point, from_quaternion, geometry_msgs, narrow, pose, std_msgs, time, vector,
+    volumetric_drilling_msgs,
 };
 use crate::ros::received::{FromClient, Wire, POSE};
+use crate::ros::scheduler::Watch;
 use crate::ros::signal::RateLimitedLog;
 
 /// What the topics of the C++ drilling plugin begin with, behind the namespace of the world.
@@ -26,6 +28,12 @@ const MOST: usize = 100_000;
 
 /// Cuts are told at once, Hz.
 const CUTS: Rates = Rates { min: 1000, max: 1000 };
+
+/// What a tool does, Hz: each update, as the C++ plugin tells it.
+const FORCES: Rates = Rates { min: 1000, max: 1000 };
+
+/// How often it is looked whether a tool has another burr, Hz.
+const SIZES: Rates = Rates { min: 20, max: 20 };
 
 /// What waited for longer than this is not told.
 const STALE: Duration = Duration::from_secs(2);
@@ -86,6 +94,43 @@ fn info(visuals: &VisualScene, snapshot: &Snapshot) -> Option<volumetric_drillin
 fn first(visuals: &VisualScene) -> Option<VolumeId> {
     let mut volumes = visuals.volumes.entries();
     volumes.find(|(_, volume)| volume.voxels.is_some() && !volume.object.removed).map(|(id, _)| id)
+}
+
+/// What the first tool of a scene does: that of the first volume that has one.
+fn first_tool(visuals: &VisualScene, snapshot: &Snapshot) -> Option<ToolReading> {
+    let mut volumes = visuals.volumes.entries().filter(|(_, volume)| !volume.object.removed);
+    volumes.find_map(|(id, _)| snapshot.tools.get(id)?.first().copied())
+}
+
+/// Diameter of a burr as the C++ plugin tells it: whole millimetres.
+fn millimetres(radius: f64) -> u8 {
+    // What is larger than the type is its largest number.
+    (2e3 * radius).round() as u8
+}
+
+/// The burr of the first tool, when it is not the one of `told`.
+fn drill_size(
+    visuals: &VisualScene,
+    snapshot: &Snapshot,
+    told: &mut Option<u8>,
+) -> Option<volumetric_drilling_msgs::DrillSize> {
+    let size = millimetres(first_tool(visuals, snapshot)?.radius);
+    if told.replace(size) == Some(size) {
+        return None;
+    }
+    let mut message = volumetric_drilling_msgs::DrillSize::default();
+    message.header.stamp = time(snapshot.stamp);
+    message.size.data = size;
+    Some(message)
+}
+
+/// The force on the body of the first tool; its balls turn it, but the C++ plugin tells no torque.
+fn drill_force(visuals: &VisualScene, snapshot: &Snapshot) -> Option<geometry_msgs::WrenchStamped> {
+    let tool = first_tool(visuals, snapshot)?;
+    let mut message = geometry_msgs::WrenchStamped::default();
+    message.header.stamp = time(snapshot.stamp);
+    message.wrench.force = vector(&tool.force);
+    Some(message)
 }
 
 /// The volume that a name means: all of its qualified identifier or, if only one has it, a part; empty: the only one.
@@ -171,6 +216,18 @@ fn post(hub: Arc<Hub>, topic: String) -> impl FnMut(Asked<'_>) + Send {
     }
 }
 
+/// Tells the first tool of each volume to be on or off, or to have a tip of a radius, m.
+fn to_tools(hub: Arc<Hub>, topic: String) -> impl FnMut(Option<bool>, Option<f64>) + Send {
+    let mut post = post(Arc::clone(&hub), topic);
+    move |on, radius| {
+        let Some(visuals) = hub.visuals() else { return };
+        let with_tools = |(_, volume): &(VolumeId, &VisualVolume)| !volume.burrs.is_empty() && !volume.object.removed;
+        for (id, _) in visuals.volumes.entries().filter(with_tools) {
+            post(&|_| Ok((id, VolumeCommand::Tool { tool: 0, on, radius })));
+        }
+    }
+}
+
 impl Builder<'_> {
     /// Topics of volumes, beside those of the world whose topics begin with `name`.
     pub(super) fn volumes(&mut self, name: &str) {
@@ -180,7 +237,10 @@ impl Builder<'_> {
         }
         let namespace = name.rsplit_once('/').map_or("", |(namespace, _)| namespace);
         let topic = |end: &str| format!("{namespace}/{PREFIX}/{end}");
-        let (cuts, mut left, of) = (hub.follow_cuts(), None, Arc::clone(hub));
+        let watch = Arc::<OnceLock<Watch>>::default();
+        let heard = Arc::clone(&watch);
+        let cuts = hub.follow_cuts_while(move || heard.get().is_some_and(|is_heard| is_heard()));
+        let (mut left, of) = (None, Arc::clone(hub));
         let unread = cuts.clone();
         let mut asked = Instant::now();
         let removed = move |_: Option<&Snapshot>| {
@@ -200,7 +260,9 @@ impl Builder<'_> {
         let restore = format!("{name}/Command/Reset/Volumes");
         let mut post_restoring = post(Arc::clone(hub), restore.clone());
         let before = self.served.entries.len();
-        self.publish(topic("voxels_removed"), CUTS, false, removed);
+        if let Some(is_heard) = self.publish_as(topic("voxels_removed"), CUTS, (false, false), removed) {
+            let _ = watch.set(is_heard);
+        }
         for entry in &mut self.served.entries[before..] {
             let unread = unread.clone();
             entry.discard_while_unwanted(move || unread.try_iter().for_each(drop));
@@ -225,10 +287,35 @@ impl Builder<'_> {
                 post_restoring(&|_| Ok((id, VolumeCommand::Restore)));
             }
         });
+        self.drill(topic);
+    }
+
+    /// Topics of the drill, if a volume has a tool: what it does and, for the first tool of all volumes, what it is told.
+    fn drill(&mut self, topic: impl Fn(&str) -> String) {
+        let hub = &self.around.hub;
+        if hub.visuals().is_none_or(|visuals| visuals.volumes.iter().all(|volume| volume.burrs.is_empty())) {
+            return;
+        }
+        let [of_size, of_force] = [(); 2].map(|()| Arc::clone(hub));
+        let [mut switch, mut change] =
+            ["set_drill_on", "set_drill_size"].map(|end| to_tools(Arc::clone(hub), topic(end)));
+        let mut told = None;
+        let size = move |snapshot: Option<&Snapshot>| drill_size(&*of_size.visuals()?, snapshot?, &mut told);
+        self.publish_latched(topic("drill_size"), SIZES, size);
+        let force = move |snapshot: Option<&Snapshot>| drill_force(&*of_force.visuals()?, snapshot?);
+        self.publish(topic("drill_force_feedback"), FORCES, false, force);
+        self.subscribe(topic("set_drill_on"), move |on: std_msgs::Bool| switch(Some(on.data), None));
+        self.subscribe(topic("set_drill_size"), move |size: std_msgs::UInt8| {
+            change(None, Some(0.5e-3 * f64::from(size.data)));
+        });
     }
 }
 
 impl FromClient for volumetric_drilling_msgs::Index {}
+
+impl FromClient for std_msgs::Bool {}
+
+impl FromClient for std_msgs::UInt8 {}
 
 impl FromClient for ambf_msgs::VolumeCmd {
     fn walk(wire: &mut Wire<'_>) -> Option<()> {

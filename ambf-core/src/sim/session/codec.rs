@@ -6,7 +6,7 @@ use ambf_volume::{Rule, Shape};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use thiserror::Error;
 
-use crate::adf::{Gains, ObjectType};
+use crate::adf::{Gains, ObjectType, ToolBall, ToolBurr, VolumeTool};
 use crate::comm::{
     ActuatorCommand, CameraParameters, CartesianCommandType, CarveCommand, JointCommandType, LightParameters,
     PoseCommand, RigidBodyCommand, SoftBodyCommand, VehicleCommand,
@@ -262,6 +262,9 @@ structs! {
         actuate, body_name, use_offset, offset_position, offset_orientation, use_sensor_data, sensor_identifier
     }
     CarveCommand { shape, from, to, in_world, rule }
+    VolumeTool { body, tip, cursors, rate, on, stiffness, damping, friction, largest_force, burrs }
+    ToolBall { position, radius }
+    ToolBurr { body, radius, rate, count }
     VehicleCommand { force, torque, steering, power, brake, full_brake }
     CameraParameters {
         near_plane, far_plane, field_view_angle, orthographic_view_width, stereo_eye_separation, stereo_focal_length,

@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use nalgebra::{Isometry3, Vector3};
 
 use super::codec::{CodeError, Coded, Source};
+use crate::adf::VolumeTool;
 use crate::comm::{
     ActuatorCommand, CameraParameters, CarveCommand, JointCommandType, LightParameters, PoseCommand, RigidBodyCommand,
     SoftBodyCommand, VehicleCommand,
@@ -346,6 +347,13 @@ entries! {
         /// Radius of its tip, m; `None`: as it was.
         radius: Option<f64>,
     }
+    /// A plugin has added a tool to a volume.
+    44 NewTool {
+        /// Volume.
+        volume: usize,
+        /// The tool.
+        tool: Cow<'a, VolumeTool>,
+    }
 }
 
 /// Entries of commands that stay in force, and are therefore executed in each iteration.
@@ -371,7 +379,7 @@ const CAMERA: crate::adf::ObjectType = crate::adf::ObjectType::Camera;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::adf::ObjectType;
+    use crate::adf::{ObjectType, ToolBall, ToolBurr};
     use crate::comm::CartesianCommandType;
     use ambf_volume::{Rule, Shape};
 
@@ -422,6 +430,20 @@ mod tests {
             round_trip(&Entry::Carve { volume: 1, command: Cow::Owned(command) });
         }
         round_trip(&Entry::Tool { volume: 0, tool: 1, on: Some(true), radius: None });
+        let ball = ToolBall { position: Vector3::x(), radius: 0.001 };
+        let tool = VolumeTool {
+            body: "drill".into(),
+            tip: ball,
+            cursors: vec![ball],
+            rate: 3e-8,
+            on: false,
+            stiffness: 700.0,
+            damping: 1.0,
+            friction: 0.1,
+            largest_force: 3.3,
+            burrs: vec![ToolBurr { body: "6mm".into(), radius: 0.003, rate: 3e-8, count: 10 }],
+        };
+        round_trip(&Entry::NewTool { volume: 0, tool: Cow::Owned(tool) });
         round_trip(&Entry::MoveCamera { camera: 1, gesture: CameraGesture::Shift(Vector3::x()) });
         round_trip(&Entry::Note { text: "stage: knot".into() });
         round_trip(&Entry::Again {});

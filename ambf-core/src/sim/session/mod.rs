@@ -76,6 +76,7 @@ impl SinceStart {
             | Entry::Light { .. }
             | Entry::Gravity { .. }
             | Entry::Gain { .. }
+            | Entry::NewTool { .. }
             // What plugins do while they begin is done again in a reset.
             | Entry::Plugin { begins: true, .. } => self.changed = true,
             Entry::Again {}

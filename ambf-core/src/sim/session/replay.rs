@@ -290,6 +290,10 @@ impl Replayer {
                 check.is_there("volume", ObjectType::Volume, *volume)?;
                 let _ = simulation.set_tool(VolumeId::new(*volume), *tool, *on, *radius);
             }
+            Entry::NewTool { volume, tool } => {
+                check.is_there("volume", ObjectType::Volume, *volume)?;
+                let _ = simulation.add_tool(VolumeId::new(*volume), tool);
+            }
             Entry::Restore { position, keep_cameras, .. } => {
                 let state = self.saved.get(position).ok_or(ReplayError::NoState(*position))?;
                 simulation.restore_keeping(state, *keep_cameras)?;
