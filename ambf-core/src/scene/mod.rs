@@ -517,6 +517,9 @@ impl Scene {
                 }
             }
         }
+        if bodies_only {
+            self.volumes.iter_mut().flat_map(|volume| &mut volume.tools).for_each(tool::Tool::let_go);
+        }
         match bodies_only {
             true => self.world.recover(),
             false => self.world.finish_restart(),

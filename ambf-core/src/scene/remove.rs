@@ -175,6 +175,7 @@ impl Scene {
         joint_names.remove(|joint| joints[joint].removed);
         self.rebuild_graph();
         self.arrange();
+        self.choose_leading_tools();
     }
 
     /// Gives up the places of a model that was removed for the same model that is about to be added again: of the same

@@ -120,6 +120,15 @@ impl Tool {
         (self.force, self.goal, self.tip) = Default::default();
     }
 
+    /// Lets go of what it touches, after its body was put elsewhere. Switch, burr and what is left of its rate stay.
+    pub fn let_go(&mut self) {
+        for ball in &mut self.balls {
+            (ball.proxy, ball.goal) = (Proxy::new(ball.proxy.radius), None);
+        }
+        self.rests = false;
+        (self.force, self.goal, self.tip) = Default::default();
+    }
+
     pub fn save(&self) -> SavedTool {
         // All fields by name, so that no new one is forgotten.
         let Self {

@@ -251,12 +251,13 @@ impl Scene {
         Ok(())
     }
 
-    /// Adds a tool to those of a volume; its place among them. For as long as the scene lasts: a reset keeps it.
+    /// Adds a tool to those of a volume; its place among them. For as long as the scene lasts: a reset keeps it. One that was
+    /// added before and is the same body is replaced: a plugin that begins again has one tool.
     ///
     /// # Errors
     /// [`VolumeError::Unknown`], [`VolumeError::Empty`], [`VolumeError::NotCarvable`], [`VolumeError::NewTool`].
     pub(crate) fn add_tool(&mut self, id: VolumeId, tool: &adf::VolumeTool) -> Result<usize, VolumeError> {
-        let volume = self.volumes.get(id).ok_or(VolumeError::Unknown)?;
+        let volume = self.volumes.get(id).filter(|_| self.has_object(id.into())).ok_or(VolumeError::Unknown)?;
         let name = volume.attached.identity.key();
         if volume.voxels.is_none() {
             return Err(VolumeError::Empty(name));
@@ -278,19 +279,35 @@ impl Scene {
             made.burr_bodies[place] = Some(find(&burr.body)?);
         }
         let volume = &mut self.volumes[id];
-        volume.tools.push(made);
+        let given = volume.description.tools.len();
+        let added = volume.tools.iter().skip(given).position(|other| other.body == made.body);
+        let place = added.map_or(volume.tools.len(), |place| given + place);
+        match volume.tools.get_mut(place) {
+            Some(other) => *other = made,
+            None => volume.tools.push(made),
+        }
         if tool::cuts(tool) {
             volume.cut = Carved::with_room(ROOM);
         }
-        let place = volume.tools.len() - 1;
         self.choose_leading_tools();
         Ok(place)
     }
 
+    /// Tools that were added to those of the files, with their volumes.
+    pub(crate) fn added_tools(&self) -> impl Iterator<Item = (VolumeId, &adf::VolumeTool)> {
+        let there = self.volumes.entries().filter(|(id, _)| self.has_object((*id).into()));
+        there.flat_map(|(id, volume)| {
+            volume.tools.iter().skip(volume.description.tools.len()).map(move |tool| (id, tool.description()))
+        })
+    }
+
     /// Of the tools that a body is, the first shows the burr while none touches.
-    fn choose_leading_tools(&mut self) {
+    pub(super) fn choose_leading_tools(&mut self) {
         let mut led = Vec::new();
         for id in self.volumes.ids().collect::<Vec<_>>() {
+            if self.volumes[id].voxels.is_none() || !self.has_object(id.into()) {
+                continue;
+            }
             for tool in &mut self.volumes[id].tools {
                 tool.leads = tool.body.is_none_or(|body| !led.contains(&body));
                 led.extend(tool.body);

@@ -159,7 +159,7 @@ impl Simulation {
 
     /// Calls plugins after an [`update`](Self::update) that made a step, in the order of the C++ program.
     pub(super) fn update_plugins(&mut self, phase: Phase) {
-        let dt = self.physics.time.interval;
+        let (dt, tools) = (self.physics.time.interval, self.physics.scene.tool_count());
         self.with_plugins(|plugins, access| {
             plugins.update(access, phase, dt);
             if phase == Phase::Simulator {
@@ -167,6 +167,9 @@ impl Simulation {
                 incoming.publish(shared, |snapshot| access.fill_states(snapshot));
             }
         });
+        if self.physics.scene.tool_count() != tools {
+            self.show_changed_looks();
+        }
     }
 
     /// Undoes what plugins have attached, and forgets the commands that they left before `time`.
@@ -573,7 +576,8 @@ impl Access for SceneAccess<'_> {
     }
 
     fn add_tool(&mut self, volume: usize, tool: &VolumeTool) -> Result<usize, String> {
-        self.physics.add_tool(VolumeId::new(volume), tool).map_err(|error| error.to_string())
+        let volume: VolumeId = self.live(volume).map_err(|error| error.to_string())?;
+        self.physics.add_tool(volume, tool).map_err(|error| error.to_string())
     }
 
     fn tool(&self, volume: usize, tool: usize) -> Option<ToolState> {

@@ -409,7 +409,7 @@ fn distances_of_small_parts_are_as_exact_as_those_of_large_ones() {
     let mut count = 0;
     for _ in 0..1000 {
         let place = [0; 3].map(|_| 0.006 * random() - 0.003);
-        let angles = [0; 3].map(|_| 6.28 * random());
+        let angles = [0; 3].map(|_| std::f64::consts::TAU * random());
         let of = |scale: f64| distance_of_a_wedge(scale, place, angles).map(|distance| distance / scale);
         // Deeper pairs have further points.
         let Some(large) = of(100.0).filter(|distance| *distance > -3e-5) else { continue };

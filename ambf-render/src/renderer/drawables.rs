@@ -82,7 +82,7 @@ fn put_frame<'a>(drawables: &mut Vec<Drawable<'a>>, shapes: &'a Shapes, pose: &I
 fn spare_burrs(built: &Built) -> Vec<BodyId> {
     let mut spare = Vec::new();
     for ((_, volume), tools) in built.visuals.volumes.entries().zip(built.snapshot.tools.iter()) {
-        for (burrs, tool) in volume.burrs.iter().zip(tools) {
+        for (burrs, tool) in volume.burrs.iter().zip(tools).filter(|_| !volume.object.removed) {
             spare.extend(burrs.iter().filter(|&&burr| Some(burr) != tool.burr));
         }
     }

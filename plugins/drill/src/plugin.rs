@@ -5,7 +5,7 @@ use ambf_plugin::{
     AnyPlugin, Command, Host, InitContext, ModelPlugin, ObjectId, ObjectType, Plugin, PluginError, PluginKind,
     Registry, SimulatorPlugin, View, WorldPlugin,
 };
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::keys::{action, moved, Action};
 use crate::options::Options;
@@ -122,8 +122,12 @@ impl Plugin for Drill {
     fn physics_update(&mut self, world: &mut View<'_>, _dt: f64) {
         let Some(running) = &mut self.running else { return };
         running.add_tools(world);
+        let mut pose = None;
         for action in self.asked.drain(..) {
-            running.act(world, action);
+            running.act(world, action, &mut pose);
+        }
+        if let Some(pose) = pose {
+            let _ = world.execute(&Command::FollowPose { body: running.body, pose });
         }
     }
 
@@ -147,7 +151,9 @@ impl Running {
     /// Makes the drill a tool of the volumes that came since.
     fn add_tools(&mut self, world: &mut View<'_>) {
         for volume in 0..world.count(ObjectType::Volume) {
+            let is_there = world.pose(ObjectId::new(ObjectType::Volume, volume)).is_some();
             match self.tools.get(volume) {
+                Some(_) if !is_there => continue,
                 Some(Place::Nowhere) => continue,
                 // Also of one whose model was removed and came again.
                 Some(&Place::At(tool)) if world.tool(volume, tool).is_some() => continue,
@@ -174,8 +180,9 @@ impl Running {
         })
     }
 
-    /// Does what a key asks for. What cannot be done now, as of a model that has left, is not.
-    fn act(&mut self, world: &mut View<'_>, action: Action) {
+    /// Does what a key asks for; keys that move the drill move `wanted`, which begins where it is. What cannot be done now, as
+    /// of a model that has left, is not.
+    fn act(&mut self, world: &mut View<'_>, action: Action, wanted: &mut Option<Isometry3<f64>>) {
         let now = self.tools().find_map(|(volume, tool)| world.tool(volume, tool));
         let mut set = |on: Option<bool>, radius: Option<f64>| {
             for (volume, tool) in self.tools() {
@@ -206,8 +213,7 @@ impl Running {
                 }
                 let camera = self.camera.and_then(|camera| world.pose(camera));
                 let camera = camera.map_or_else(UnitQuaternion::identity, |camera| camera.rotation);
-                let pose = moved(&state.pose, action, &camera);
-                let _ = world.execute(&Command::FollowPose { body: self.body, pose });
+                *wanted = Some(moved(&wanted.unwrap_or(state.pose), action, &camera));
             }
         }
     }

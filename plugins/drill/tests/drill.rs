@@ -9,7 +9,7 @@ use ambf_core::comm::{Cut, Hub, ToolReading, VolumeCommand};
 use ambf_core::ids::{BodyId, VolumeId};
 use ambf_core::plugin::{Input, PluginSetup, Registry};
 use ambf_core::scene::{load, SceneFiles, SceneOptions};
-use ambf_core::sim::Simulation;
+use ambf_core::sim::{recorder, Simulation};
 use ambf_core::volume::{nrrd, Label, Voxel, VoxelGrid};
 use nalgebra::{Isometry3, Vector3};
 
@@ -238,6 +238,41 @@ fn keys_lead_it() {
     bench.key(b'S', CONTROL);
     bench.key(b'S', CONTROL);
     assert!((bench.place_of("mastoidectomy_drill") - before).norm() < 1e-9);
+}
+
+#[test]
+fn keys_that_come_together_add_up() {
+    let mut bench = bench(&[], "ambf");
+    bench.step(1);
+    let before = bench.place_of("mastoidectomy_drill");
+    for _ in 0..10 {
+        let key = b'W'.into();
+        bench.simulation.plugins_input(&Input::Key { window: 1, key, scancode: 0, action: 1, mods: CONTROL });
+    }
+    bench.step(2);
+    assert!(((bench.place_of("mastoidectomy_drill") - before).norm() - 0.01).abs() < 1e-9);
+}
+
+#[test]
+fn a_recording_begins_with_the_drill() {
+    let mut bench = bench(&["6mm"], "ambf");
+    let (recorder, _tap) = recorder(false);
+    bench.simulation.start_recording(recorder).expect("nothing has moved");
+}
+
+#[test]
+fn a_reset_of_bodies_lets_the_volume_go() {
+    let mut bench = bench(&["6mm"], "ambf");
+    bench.step(1);
+    bench.key(b'B', CONTROL);
+    bench.lead(x(HALF + 0.002), 100);
+    assert!(bench.tool(LEFT).is_touching);
+    let before = bench.tool(LEFT);
+    bench.simulation.reset_bodies();
+    bench.step(1);
+    let after = bench.tool(LEFT);
+    assert!(!after.is_touching && after.force == Vector3::zeros());
+    assert_eq!((after.is_on, after.radius), (before.is_on, before.radius));
 }
 
 #[test]

@@ -20,6 +20,7 @@ pub use playback::{playback, Feed, Playback};
 pub use recorder::{recorder, EarlyEnd, Recorder, Tap, Unpacker, HASH_INTERVAL};
 pub use replay::{ReplayError, Replayed, Replayer};
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use thiserror::Error;
@@ -76,7 +77,6 @@ impl SinceStart {
             | Entry::Light { .. }
             | Entry::Gravity { .. }
             | Entry::Gain { .. }
-            | Entry::NewTool { .. }
             // What plugins do while they begin is done again in a reset.
             | Entry::Plugin { begins: true, .. } => self.changed = true,
             Entry::Again {}
@@ -85,6 +85,8 @@ impl SinceStart {
             | Entry::Start { .. }
             | Entry::Device { .. }
             | Entry::Period { .. }
+            // A recording begins with the tools that there are.
+            | Entry::NewTool { .. }
             | Entry::Note { .. } => (),
             _ => self.moved = true,
         }
@@ -117,6 +119,9 @@ impl Simulation {
             lost_time: start.lost_time,
             attachments: self.plugin_state.next_attachment,
         });
+        for (id, tool) in physics.scene.added_tools() {
+            recorder.note(&Entry::NewTool { volume: id.index(), tool: Cow::Borrowed(tool) });
+        }
         self.note_devices(&mut recorder);
         if since.updates > 0 {
             let time = self.physics.time;
