@@ -1,8 +1,8 @@
-// Bullet's search for the closest points of two convex shapes, in a unit of length of their own. C++ only.
+// Bullet's search for the closest points of two convex shapes, with small ones enlarged. C++ only.
 //
-// Bullet's implementation of the algorithm of Gilbert, Johnson and Keerthi (GJK) takes tetrahedra of less than 1e-8 m^3 for flat
-// and points within 1e-6 m for the same. For parts of millimetres it then ends too early, in one of ten poses with a distance
-// that is wrong by up to a quarter of the part. Here the smaller shape has the size 1.
+// Bullet's implementation of the algorithm of Gilbert, Johnson and Keerthi (GJK) takes tetrahedra of less than 1e-8 m^3 for flat.
+// For parts of millimetres it then ends too early, in one of ten poses with a distance that is wrong by up to a quarter of the
+// part. Here both shapes are enlarged until the smaller one has a size for which that is next to nothing.
 #ifndef AMB_CLOSEST_POINTS_H
 #define AMB_CLOSEST_POINTS_H
 
@@ -23,10 +23,14 @@ inline btScalar size_of(const btConvexShape &shape) {
   return radius;
 }
 
-// Units of length in a metre for shapes of which the smaller has this size, m.
-inline btScalar scale_of(btScalar size) { return size > SIMD_EPSILON ? 1 / size : 1; }
+// By how much shapes of which the smaller has this size, m, are enlarged.
+inline btScalar scale_of(btScalar size) {
+  // 1e-8 m^3 are 1e-4 of the cube of this, m.
+  constexpr btScalar LARGE = 0.05;
+  return size > SIMD_EPSILON ? std::max(LARGE / size, btScalar(1)) : 1;
+}
 
-// A shape and its pose in units of its own, relative to a point.
+// A shape and its pose, enlarged about a point.
 struct ScaledShape {
   ScaledShape(const btConvexShape &of, const btTransform &at, const btVector3 &about, btScalar scale)
       // The shape is only read.
@@ -58,7 +62,7 @@ inline btPointCollector closest_points(const btConvexShape &first, const btTrans
   return found;
 }
 
-// Takes the contacts of scaled shapes on to the result of the shapes themselves. `threshold`: contact breaking threshold, m.
+// Takes the contacts of enlarged shapes on to the result of the shapes themselves. `threshold`: contact breaking threshold, m.
 class ScaledResult final : public btManifoldResult {
  public:
   ScaledResult(btManifoldResult &result, const btVector3 &about, btScalar scale, btScalar threshold)
