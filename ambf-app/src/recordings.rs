@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use ambf_core::sim::{Beginning, Recordings, StartError};
-use ambf_recording::{LaterHeader, Writer};
+use ambf_recording::{LaterHeader, Replay, Writer};
 use parking_lot::Mutex;
 
 use crate::ros::{RecordHost, RecordReply};
@@ -51,7 +51,8 @@ impl RecordingDesk {
                 Ok((file, begun))
             }
             Err(error) => {
-                // Nothing is in it.
+                // Nothing is in it, nor comes into it later from a simulation that did not answer.
+                let _ = self.requests.stop();
                 let _ = end(writer);
                 Err(match error {
                     StartError::Moved => format!("{error}; reset the world with it"),
@@ -62,9 +63,10 @@ impl RecordingDesk {
     }
 
     /// Ends the recording.
-    fn end(&self) -> Result<RecordReply, String> {
+    fn end(&self) -> Result<RecordReply, RecordReply> {
         let mut current = self.writer.lock();
-        let writer = current.take().ok_or("nothing is recorded")?;
+        let nothing = || RecordReply { message: "nothing is recorded".into(), ..RecordReply::default() };
+        let writer = current.take().ok_or_else(nothing)?;
         // A simulation that does not answer records no more for whoever reads the file.
         let _ = self.requests.stop();
         end(writer)
@@ -77,7 +79,7 @@ impl RecordingDesk {
     #[cfg_attr(not(feature = "view"), allow(dead_code))]
     pub fn switch(&self) -> Result<String, String> {
         if self.writer.lock().as_ref().is_some_and(|writer| !writer.is_over()) {
-            return self.end().map(|reply| reply.message);
+            return self.end().map(|reply| reply.message).map_err(|reply| reply.message);
         }
         self.begin(None, Beginning::NextReset).map(|(file, begun)| match begun {
             true => format!("recording into {}", file.display()),
@@ -105,27 +107,49 @@ impl RecordingDesk {
         let was_told = told.is_some() || !writer.is_whole();
         match end(writer) {
             Ok(reply) => report!("{}", reply.message),
-            Err(problem) if !was_told => warn!("{problem}"),
+            Err(reply) if !was_told => warn!("{}", reply.message),
             Err(_) => (),
         }
     }
 }
 
-/// Completes a file; one in which nothing is, is removed.
-fn end(writer: Writer) -> Result<RecordReply, String> {
+/// Completes a file; one in which nothing is, is removed. The error says why it is not whole, and names it if it is there.
+fn end(writer: Writer) -> Result<RecordReply, RecordReply> {
     let recorded = writer.finish();
     let shown = recorded.file.display();
     if recorded.entries == 0 {
         let removed = std::fs::remove_file(&recorded.file);
         let removed = removed.map_or_else(|error| format!("{shown}: {error}"), |()| format!("{shown} is not written"));
-        return Err(format!("nothing was recorded: {removed}"));
+        let why = recorded.problem.unwrap_or_else(|| "nothing was recorded".into());
+        return Err(RecordReply { message: format!("{why}: {removed}"), ..RecordReply::default() });
     }
     match recorded.problem {
-        Some(problem) => Err(problem),
+        Some(message) => Err(RecordReply { file: recorded.file, message }),
         None => {
             let message = format!("recorded {} updates in {shown}", recorded.updates);
             Ok(RecordReply { file: recorded.file, message })
         }
+    }
+}
+
+/// Clients may name recordings only: what other files are called is not theirs to make.
+fn check_name(named: Option<&Path>) -> Result<(), String> {
+    match named {
+        Some(named) if named.extension().is_none_or(|extension| extension != "mcap") => {
+            Err(format!("{}: a recording is a file .mcap: add that to the name", named.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Whether a recording reaches back to the simulated time that an option names; a sentence where it does not.
+pub(crate) fn check_reached(option: &str, time: Option<f64>, replay: &Replay) -> Result<(), String> {
+    let (start, end, file) = (replay.start_time(), replay.end_time(), replay.recording().path().display());
+    match time {
+        Some(time) if time < start => Err(format!(
+            "{option} {time}: {file} goes from {start:.3} to {end:.3} s of simulated time: give a time in it"
+        )),
+        _ => Ok(()),
     }
 }
 
@@ -141,15 +165,30 @@ impl RecordHost for RecordingDesk {
     fn start(&self, file: &str, reset: bool) -> Result<RecordReply, String> {
         let beginning = if reset { Beginning::Reset } else { Beginning::Here };
         let named = (!file.is_empty()).then(|| Path::new(file));
+        check_name(named)?;
         let (file, _) = self.begin(named, beginning)?;
         let message = format!("recording into {}", file.display());
         report!("{message}");
         Ok(RecordReply { file, message })
     }
 
-    fn stop(&self) -> Result<RecordReply, String> {
+    fn stop(&self) -> Result<RecordReply, RecordReply> {
         let reply = self.end()?;
         report!("{}", reply.message);
         Ok(reply)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clients_name_recordings_only() {
+        let check = |name: &str| check_name(Some(Path::new(name)));
+        assert_eq!(check("a/b.mcap").and(check_name(None)), Ok(()));
+        for name in [".bashrc", "a/b.mcap.sh", "mcap", "a.MCAP"] {
+            assert!(check(name).is_err_and(|why| why.contains(name)), "{name}");
+        }
     }
 }

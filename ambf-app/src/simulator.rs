@@ -8,6 +8,7 @@ use std::time::{Duration, Instant, SystemTime};
 use ambf_core::bullet::SolverStatistics;
 use ambf_core::comm::{Hub, Middleware, Rates};
 use ambf_core::device::host::DeviceHost;
+use ambf_core::files;
 use ambf_core::scene::{load_with_progress, Loaded, Progress, SceneFiles, SceneOptions, SceneReport};
 use ambf_core::sim::{
     Event, LossCause, Models, Playback, ReplayEnd, ReplayEnded, ReplayError, ReplayPlan, Runner, RunnerOptions,
@@ -24,7 +25,7 @@ use crate::cameras::CameraService;
 use crate::cli::{FollowedRecording, RosVersions, SimulatorOptions};
 use crate::devices;
 use crate::launch::{self, LaunchError};
-use crate::recordings::RecordingDesk;
+use crate::recordings::{check_reached, RecordingDesk};
 use crate::report::{report_at, Level, RateLimit};
 use crate::ros::{DeviceReports, Extras, ModelHost, ModelReply, RosArguments, RosMiddleware, RosOptions};
 #[cfg(feature = "pictures")]
@@ -157,13 +158,18 @@ fn load_recording(
     if let Some(problem) = replay.problem() {
         warn!("--replay: {problem}");
     }
+    let from = Some(recording.from).filter(|&from| from > 0.0);
+    for (option, time) in [("--continue-at", recording.continue_at), ("--replay-from", from)] {
+        check_reached(option, time, &replay).map_err(SimulatorError::Usage)?;
+    }
     let header = LaterHeader::of(&simulation, PROGRAM, since);
     let record = |path: &PathBuf| Writer::start(path, &mut simulation, PROGRAM, false);
     let writer = options.record.as_ref().map(record).transpose()?;
     report!(
-        "replaying {}: {} updates to {:.3} s, by {}",
+        "replaying {}: {} updates from {:.3} to {:.3} s, by {}",
         recording.file.display(),
         replay.updates(),
+        replay.start_time(),
         replay.end_time(),
         replay.header().program
     );
@@ -221,6 +227,8 @@ fn load_simulation(
         false => Writer::start(path, &mut simulation, PROGRAM, false),
         true => {
             let header = Header::of(&simulation, PROGRAM).map_err(RecordError::Scene)?;
+            files::folder_for(path)
+                .map_err(|error| RecordError::Write { file: path.clone(), why: error.to_string() })?;
             let (recorder, writer) = Writer::create(path, &header, false)?;
             simulation.record_from_reset(recorder)?;
             Ok(writer)
@@ -524,7 +532,8 @@ impl Replayed {
     fn follow(&mut self, ended: Option<&ReplayEnded>) {
         if self.hub.has_refused() && !std::mem::replace(&mut self.told_refused, true) {
             warn!(
-                "a command or reset is refused, because a recording is replayed; this is said once. --continue-at SECONDS leaves the                  recording there"
+                "a command or reset is refused, because a recording is replayed; this is said once. --continue-at SECONDS leaves the \
+                 recording there"
             );
         }
         let Some(ended) = ended.filter(|_| !std::mem::replace(&mut self.told_end, true)) else { return };

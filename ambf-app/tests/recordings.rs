@@ -275,3 +275,36 @@ fn a_recording_that_waits_for_a_reset_in_vain_leaves_no_file() {
     assert_eq!(live.child.wait().expect("it ends").code(), Some(0));
     assert!(!folder.exists("a.mcap"));
 }
+
+#[test]
+fn times_are_those_of_a_recording_that_begins_late() {
+    let folder = folder();
+    folder.succeed(&format!("{} --steps 2000 --record a.mcap", scene()));
+    let mut replay = ambf_recording::Replay::open(&folder.path().join("a.mcap")).expect("a recording");
+    let (mut simulation, _) = replay.load(false).expect("its scene");
+    while replay.step(&mut simulation).expect("the same") != ambf_recording::Step::End {}
+    // A reset keeps the clock.
+    simulation.reset_world();
+    let late = folder.path().join("late.mcap");
+    let writer = ambf_recording::Writer::start(&late, &mut simulation, "test", true).expect("after a reset");
+    (0..500).for_each(|_| simulation.iterate(0.001).expect("sound"));
+    simulation.stop_recording();
+    assert_eq!(writer.finish().problem, None);
+    let replay = ambf_recording::Replay::open(&late).expect("a recording");
+    assert!((replay.start_time() - 2.0).abs() < 1e-9 && (replay.end_time() - 2.5).abs() < 1e-9);
+    refused(
+        &folder.run("--replay late.mcap --continue-at 1 --steps 1"),
+        1,
+        "--continue-at 1: late.mcap goes from 2.000",
+    );
+    let ran = folder.succeed("--replay late.mcap --continue-at 2.2495 --steps 0 --json");
+    assert!(ran.stdout.contains("\"steps\":250"), "{}", ran.stdout);
+    for option in ["--continue-at", "--replay-from"] {
+        let mut live = Live::start(&folder, &format!("--replay late.mcap {option} 1"));
+        live.until(&format!("{option} 1: late.mcap goes from 2"));
+        assert_eq!(live.child.wait().expect("it ends").code(), Some(2));
+    }
+    let mut live = Live::start(&folder, "--replay late.mcap --replay-from 2.4");
+    live.until("500 updates from 2.000 to 2.500 s");
+    live.until("late.mcap is over");
+}

@@ -40,7 +40,8 @@ pub struct Replay {
     replayer: Replayer,
     /// Updates of the recording.
     updates: u64,
-    /// Simulated time at its end, s.
+    /// Simulated times at its beginning and its end, s.
+    start: f64,
     end: f64,
     notes: Vec<(f64, String)>,
     /// Mean interval of its updates, s.
@@ -127,7 +128,7 @@ impl Replay {
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let mut scan = Recording::open(path)?;
         let (mut restored, mut updates, mut end, mut notes) = (Vec::new(), 0, 0.0, Vec::new());
-        let mut moved = 0.0;
+        let (mut start, mut moved) = (0.0, 0.0);
         let damage = loop {
             let timed = match scan.next_entry() {
                 Ok(Some(timed)) => timed,
@@ -136,6 +137,7 @@ impl Replay {
             };
             end = timed.sim_time;
             match timed.entry {
+                Entry::Start { sim_time, .. } => (start, end) = (sim_time, sim_time),
                 Entry::Restore { position, .. } => restored.push(position),
                 Entry::Update { interval, .. } => {
                     updates += 1;
@@ -153,6 +155,7 @@ impl Replay {
             recording,
             replayer: Replayer::new(restored),
             updates,
+            start,
             end,
             notes,
             interval,
@@ -186,6 +189,11 @@ impl Replay {
     /// Updates of the recording.
     pub fn updates(&self) -> u64 {
         self.updates
+    }
+
+    /// Simulated time at its beginning, s: above 0 where it begins with a reset, which that time goes on over.
+    pub fn start_time(&self) -> f64 {
+        self.start
     }
 
     /// Simulated time at its end, s.

@@ -84,12 +84,15 @@ pub struct Writer {
 
 impl Writer {
     /// Begins a recording of `simulation`, which must be at its start or directly after a reset, by `program`. `waits`: the
-    /// simulation waits for a disk that is slow, as one without a clock can; else that ends the recording.
+    /// simulation waits for a disk that is slow, as one without a clock can; else that ends the recording. Makes the
+    /// file's folder.
     ///
     /// # Errors
     /// [`RecordError`]; there is no file then.
     pub fn start(path: &Path, simulation: &mut Simulation, program: &str, waits: bool) -> Result<Self, RecordError> {
         let header = Header::of(simulation, program).map_err(RecordError::Scene)?;
+        files::folder_for(path)
+            .map_err(|error| RecordError::Write { file: path.to_owned(), why: error.to_string() })?;
         let (recorder, writer) = Self::create(path, &header, waits)?;
         if let Err(error) = simulation.start_recording(recorder) {
             drop(writer);
@@ -99,13 +102,12 @@ impl Writer {
         Ok(writer)
     }
 
-    /// Makes the file, and a recorder for the simulation whose header this is; `waits`: see [`start`](Self::start).
+    /// Makes the file, in a folder that is there, and a recorder for the simulation whose header this is; `waits`: see [`start`](Self::start).
     ///
     /// # Errors
     /// [`RecordError`]; there is no file then.
     pub fn create(path: &Path, header: &Header, waits: bool) -> Result<(Recorder, Self), RecordError> {
         let failed = |why: String| RecordError::Write { file: path.to_owned(), why };
-        files::folder_for(path).map_err(|error| failed(error.to_string()))?;
         let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(|error| match error.kind() {
             std::io::ErrorKind::AlreadyExists => RecordError::Exists(path.to_owned()),
             _ => failed(error.to_string()),
@@ -260,9 +262,9 @@ impl Output {
                     failed = self.add(entry).err();
                 }
             });
-            failed.map_or(Ok(()), Err)?;
             status.entries.store(self.entries, Ordering::Release);
             status.updates.store(self.updates, Ordering::Release);
+            failed.map_or(Ok(()), Err)?;
             if is_last || early_end.is_some() || written.elapsed() >= MESSAGE {
                 written = Instant::now();
                 self.write_batch()?;

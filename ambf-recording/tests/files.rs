@@ -37,6 +37,19 @@ fn updates(recording: &mut Recording) -> Result<u32, RecordingError> {
 }
 
 #[test]
+fn only_who_asks_for_a_start_at_once_gets_folders() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut simulation = Simulation::new(load(&SceneFiles::default(), &SceneOptions::default()).scene, 0.001);
+    let header = Header::of(&simulation, "test").expect("no file is needed");
+    let file = folder.path().join("new/a.mcap");
+    let error = Writer::create(&file, &header, true).map(drop).expect_err("there is no such folder");
+    assert!(error.to_string().contains("new/a.mcap: No such file"), "{error}");
+    assert!(!folder.path().join("new").exists());
+    drop(Writer::start(&file, &mut simulation, "test", true).expect("at the start"));
+    assert!(file.exists());
+}
+
+#[test]
 fn a_file_that_was_cut_off_is_read_up_to_there() {
     let folder = tempfile::tempdir().expect("a folder");
     let whole = std::fs::read(recorded(folder.path(), 20_000)).expect("written");

@@ -156,6 +156,13 @@ fn clients_pause_step_and_look_and_command_nothing() {
     live.hub.throttle().post(Default::default(), live.hub.now_ns());
     wait("the end", || control.replay_ended().is_some());
     assert_eq!(control.replay_ended().map(|ended| ended.hash), Some(hash));
+    // A reset ends the pause of the replay's end, not a later one.
+    control.set_paused(false);
+    wait("it is resumed", || live.step() > UPDATES);
+    control.set_paused(true);
+    live.hub.request_world_reset();
+    std::thread::sleep(Duration::from_millis(200));
+    assert!(control.is_paused());
 }
 
 #[test]

@@ -289,7 +289,11 @@ impl App {
         if event.state == ElementState::Released {
             return;
         }
-        if let Some(action) = keys::action(key, self.modifiers) {
+        let action = keys::action(key, self.modifiers);
+        // What begins and ends a file does so once, however long its keys are held.
+        if let Some(action) =
+            action.filter(|it| !(event.repeat && matches!(it, keys::Action::Record | keys::Action::Video)))
+        {
             self.act(action, camera);
         }
         self.forward(Input::Key {

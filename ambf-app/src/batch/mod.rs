@@ -29,6 +29,7 @@ use outputs::Outputs;
 
 use crate::cli::BatchOptions;
 use crate::process::{self, cpu_seconds, peak_memory_mb};
+use crate::recordings::check_reached;
 use crate::{launch, plugins, report, warn};
 
 /// Largest command file that is read, bytes.
@@ -440,6 +441,8 @@ fn load_recording(
     if let Some(problem) = replay.problem() {
         warn!("warning: --replay: {problem}");
     }
+    let leave_at = options.replay.as_ref().and_then(|wanted| wanted.continue_at);
+    check_reached("--continue-at", leave_at, replay).map_err(BatchError::Usage)?;
     Ok(LoadedScene { simulation, incomplete: report.errors() > 0, plugins: Vec::new() })
 }
 

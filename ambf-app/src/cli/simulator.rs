@@ -356,6 +356,7 @@ impl Arguments {
             (self.plugins.is_some(), "--plugins"),
             (self.crtk.is_some(), "--crtk"),
             (self.seed.is_some(), "--seed"),
+            (self.launch_file.is_some(), "--launch_file"),
             (self.device_count > 0, "-n"),
             (self.device_indexes.is_some(), "-i"),
             (!self.ns.is_empty(), "--ns"),

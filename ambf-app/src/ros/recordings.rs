@@ -34,8 +34,8 @@ pub trait RecordHost: Send + Sync {
     /// Ends the recording.
     ///
     /// # Errors
-    /// One sentence for the client: nothing was recorded, or not all of it.
-    fn stop(&self) -> Result<RecordReply, String>;
+    /// Nothing was recorded, or not all of it: a sentence for the client, and the file if there is one.
+    fn stop(&self) -> Result<RecordReply, RecordReply>;
 }
 
 /// The services `start_recording` and `stop_recording`; `name` gives the full name of each.
@@ -48,7 +48,9 @@ pub(super) fn services(name: impl Fn(&str) -> String, host: &Arc<dyn RecordHost>
 }
 
 pub(super) fn start(host: &dyn RecordHost, request: &StartRecordingReq) -> StartRecordingRes {
-    let (success, RecordReply { file, message }) = outcome(host.start(&request.file, request.reset));
+    let (success, RecordReply { file, message }) = outcome(
+        host.start(&request.file, request.reset).map_err(|message| RecordReply { message, ..RecordReply::default() }),
+    );
     StartRecordingRes { success, file: file.to_string_lossy().into_owned(), message }
 }
 
@@ -57,9 +59,9 @@ pub(super) fn stop(host: &dyn RecordHost) -> StopRecordingRes {
     StopRecordingRes { success, file: file.to_string_lossy().into_owned(), message }
 }
 
-fn outcome(done: Result<RecordReply, String>) -> (bool, RecordReply) {
+fn outcome(done: Result<RecordReply, RecordReply>) -> (bool, RecordReply) {
     match done {
         Ok(reply) => (true, reply),
-        Err(message) => (false, RecordReply { message, ..RecordReply::default() }),
+        Err(reply) => (false, reply),
     }
 }

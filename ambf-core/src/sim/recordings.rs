@@ -94,7 +94,7 @@ impl Simulation {
     /// Physics thread: does what was asked for.
     pub(super) fn serve_recordings(&mut self) {
         while let Some(Ok(request)) = self.recordings.waiting.as_ref().map(|waiting| waiting.try_recv()) {
-            // An answer that nobody waits for any more is dropped.
+            // Who no longer waits takes it that nothing is recorded: that is made true.
             match request {
                 Request::Start(recorder, beginning, answer) => self.begin_asked(recorder, beginning, answer),
                 Request::Stop(answer) => {
@@ -120,11 +120,13 @@ impl Simulation {
         }
         match beginning {
             Beginning::NextReset if !self.is_at_start() => {
-                self.recordings.next = Some((recorder, None));
-                let _ = answer.send(Ok(false));
+                if answer.send(Ok(false)).is_ok() {
+                    self.recordings.next = Some((recorder, None));
+                }
             }
             Beginning::Here | Beginning::NextReset => {
-                let _ = answer.send(self.start_recording(*recorder).map(|()| true));
+                let begun = self.start_recording(*recorder);
+                self.answer_begun(begun, &answer);
             }
             Beginning::Reset => {
                 self.recordings.next = Some((recorder, Some(answer)));
@@ -140,14 +142,20 @@ impl Simulation {
         }
     }
 
+    /// Says what became of a start; one that nobody waits for is undone.
+    fn answer_begun(&mut self, begun: Result<(), StartError>, answer: &Answer<bool>) {
+        let has_begun = begun.is_ok();
+        if answer.send(begun.map(|()| true)).is_err() && has_begun {
+            self.stop_recording();
+        }
+    }
+
     /// Begins the recording that waits for a reset of the world, which was done; nothing without one.
     pub(super) fn begin_waiting_recording(&mut self) {
         let Some((recorder, waits)) = self.recordings.next.take() else { return };
         let begun = self.start_recording(*recorder);
         match (begun, waits) {
-            (begun, Some(waits)) => {
-                let _ = waits.send(begun.map(|()| true));
-            }
+            (begun, Some(waits)) => self.answer_begun(begun, &waits),
             (Ok(()), None) => self.notices.push("the recording begins, with this reset".into()),
             (Err(error), None) => self.notices.push(format!("the recording does not begin with this reset: {error}")),
         }
@@ -201,6 +209,37 @@ mod tests {
         assert!(matches!(entries[1], Entry::Update { iteration: 5, .. }), "{entries:?}");
         assert!(matches!(entries[2], Entry::Update { iteration: 6, .. }), "{entries:?}");
         assert_eq!(entries.len(), 3);
+    }
+
+    #[test]
+    fn a_start_that_nobody_waits_for_is_undone() {
+        let mut simulation = simulation("pendulum.yaml", false);
+        let hub = simulation.connect();
+        let recordings = simulation.recordings();
+        let ask = |beginning| {
+            let (recorder, _) = recorder(false);
+            // The receiver is dropped, as after the time for an answer.
+            let request = Request::Start(Box::new(recorder), beginning, bounded(1).0);
+            recordings.0.send(request).expect("there is room");
+        };
+        ask(Beginning::Here);
+        simulation.serve_recordings();
+        assert!(!simulation.is_recorded());
+        (0..5).for_each(|_| simulation.update(0.001).expect("sound"));
+        for beginning in [Beginning::NextReset, Beginning::Reset] {
+            ask(beginning);
+            simulation.serve_recordings();
+            hub.request_world_reset();
+            simulation.do_requested_resets_at_rest().1.expect("sound");
+            assert!(!simulation.is_recorded(), "{beginning:?}");
+            (0..5).for_each(|_| simulation.update(0.001).expect("sound"));
+        }
+        // Somebody else's goes on.
+        let (others, _tap) = recorder(false);
+        assert_eq!(asked(&mut simulation, || recordings.start(others, Beginning::Reset)), Ok(true));
+        ask(Beginning::Here);
+        simulation.serve_recordings();
+        assert!(simulation.is_recorded());
     }
 
     #[test]

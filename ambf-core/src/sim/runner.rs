@@ -216,6 +216,8 @@ struct PhysicsLoop {
     was_paused: bool,
     /// The pause was made because the state was lost.
     lost: bool,
+    /// The pause was made because a replay has ended.
+    replay_paused: bool,
     statistics: StepStatistics,
     throttle_counter: u32,
     losses: Losses,
@@ -236,6 +238,7 @@ impl PhysicsLoop {
             backlog,
             was_paused: false,
             lost: false,
+            replay_paused: false,
             statistics: StepStatistics::default(),
             throttle_counter: 0,
             losses: Losses::default(),
@@ -249,6 +252,8 @@ impl PhysicsLoop {
         request_short_slices();
         let mut pacer = Pacer::new(Duration::from_secs_f64(1.0 / self.options.frequency), MAX_LAG);
         while !self.control.is_stopping() {
+            // A pause after it has been resumed is another one.
+            self.replay_paused &= self.control.is_paused();
             if let Some(reset) = self.simulation.do_requested_resets() {
                 if reset == Reset::World {
                     self.simulation.begin_waiting_recording();
@@ -433,12 +438,12 @@ impl PhysicsLoop {
     }
 
     /// A reset is seen at once, also while paused or throttled, unless the state was lost again. It ends the pause that a lost
-    /// state made.
+    /// state or the end of a replay made.
     fn resume_after_reset(&mut self, outcome: Result<(), LostState>) {
         if outcome.is_ok() {
             self.publish(self.start.elapsed());
         }
-        if std::mem::take(&mut self.lost) {
+        if std::mem::take(&mut self.lost) | std::mem::take(&mut self.replay_paused) {
             self.simulation.tell_lost(None);
             self.control.set_paused(false);
             self.simulation.tell_activity(Activity::Runs);

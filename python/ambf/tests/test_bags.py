@@ -142,7 +142,7 @@ class Notes(Exported):
             self.assertFalse((self.folder / "out").exists())
             return said.getvalue()
 
-        self.assertIn("goes from 0 to", refused(str(self.file), "--note", "7", "late"))
+        self.assertIn("goes from 0.0 to", refused(str(self.file), "--note", "7", "late"))
         self.assertIn("expected a simulated time", refused(str(self.file), "--note", "now", "text"))
         self.assertIn("one by one", refused(str(self.file), str(self.file), "--note", "0", "text"))
 

@@ -77,6 +77,11 @@ impl Clock {
         Self { behind: 0.0, last: Instant::now() }
     }
 
+    /// The time since the last call does not pass.
+    fn skip(&mut self) {
+        self.last = Instant::now();
+    }
+
     /// Lets the time since the last call pass at `speed`; whether it is further behind than can be caught up, which is
     /// forgotten.
     fn pass(&mut self, speed: f64) -> bool {
@@ -132,7 +137,7 @@ impl PhysicsLoop {
                 pacer.wait();
                 continue;
             }
-            match self.follow(&mut followed) {
+            match self.follow(&mut followed, is_paused) {
                 Ok(true) => pacer.skip(),
                 Ok(false) => {
                     let why = ReplayEnd::Over(followed.playback.problem());
@@ -162,8 +167,9 @@ impl PhysicsLoop {
         followed.clock.behind >= 0.0
     }
 
-    /// Follows the recording to the next update, and shows it; false at the end.
-    fn follow(&mut self, followed: &mut Followed) -> Result<bool, ReplayError> {
+    /// Follows the recording to the next update, and shows it; false at the end. `is_step`: somebody let it through, which
+    /// counts for updates.
+    fn follow(&mut self, followed: &mut Followed, is_step: bool) -> Result<bool, ReplayError> {
         let begin = Instant::now();
         match followed.playback.update(&mut self.simulation)? {
             Played::Update(passed) => followed.clock.behind -= passed,
@@ -175,11 +181,14 @@ impl PhysicsLoop {
                 return Ok(true);
             }
             Played::Change => {
+                self.control.step(u32::from(is_step));
                 self.publish(self.start.elapsed());
                 return Ok(true);
             }
             Played::Waits => {
+                self.control.step(u32::from(is_step));
                 std::thread::sleep(PAUSED_PERIOD);
+                followed.clock.skip();
                 return Ok(true);
             }
             Played::End => return Ok(false),
@@ -201,8 +210,12 @@ impl PhysicsLoop {
             // Held from the start: clients have to see what there is.
             self.publish(self.start.elapsed());
         }
+        let is_held = self.simulation.is_held_by_clients();
         // Resets, after which the state could be lost, are refused.
         let _ = self.hold_for_clients();
+        if is_held {
+            followed.clock.skip();
+        }
         let resumed = Instant::now();
         followed.playback.exchange(&mut self.simulation)?;
         self.publish(resumed - self.start);
@@ -219,8 +232,8 @@ impl PhysicsLoop {
         };
         if !goes_on {
             self.control.set_paused(true);
-            // A reset ends the pause.
-            self.lost = true;
+            self.lost = followed.lost;
+            self.replay_paused = true;
         }
         self.was_paused = true;
         self.simulation.end_replay();

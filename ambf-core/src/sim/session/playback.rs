@@ -3,6 +3,7 @@
 //! A thread reads it, at the [`Feed`]; the physics thread follows it, at the [`Playback`], without waiting for a disk. What
 //! was followed goes back, so that memory is freed where it was taken.
 
+use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
 
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -12,9 +13,17 @@ use crate::sim::{LostState, Simulation};
 
 /// Entries that are read ahead: some tenths of a second of two arms at 1 kHz.
 const AHEAD: usize = 4096;
+/// Bytes of them, as [`Entry::write`] writes them, from which on no more are read ahead: lists of joints and of voxels may be
+/// long.
+const AHEAD_BYTES: usize = 64 << 20;
 
 /// The reader's end. Dropping it ends the recording.
 pub struct Feed {
+    /// Bytes of each entry that is under way, in order, and of all.
+    sizes: VecDeque<usize>,
+    bytes: usize,
+    /// An entry that is measured.
+    written: Vec<u8>,
     entries: Producer<Entry<'static>>,
     used: Consumer<Entry<'static>>,
     problem: Arc<OnceLock<String>>,
@@ -26,6 +35,8 @@ pub struct Playback {
     used: Producer<Entry<'static>>,
     problem: Arc<OnceLock<String>>,
     replayer: Replayer,
+    /// Simulated time that has passed since the update before, s.
+    passed: f64,
 }
 
 /// Both ends, of a recording whose beginning `replayer` has followed.
@@ -34,14 +45,31 @@ pub fn playback(replayer: Replayer) -> (Feed, Playback) {
     // Room for all that can be under way.
     let (giver, taker) = RingBuffer::new(AHEAD + 1);
     let problem = Arc::new(OnceLock::new());
-    let feed = Feed { entries: producer, used: taker, problem: Arc::clone(&problem) };
-    (feed, Playback { entries: consumer, used: giver, problem, replayer })
+    let feed = Feed {
+        sizes: VecDeque::new(),
+        bytes: 0,
+        written: Vec::new(),
+        entries: producer,
+        used: taker,
+        problem: Arc::clone(&problem),
+    };
+    (feed, Playback { entries: consumer, used: giver, problem, replayer, passed: 0.0 })
 }
 
 impl Feed {
     /// Hands the next entry over; gives it back while there is no room for it.
     pub fn push(&mut self, entry: Entry<'static>) -> Option<Entry<'static>> {
-        while self.used.pop().is_ok() {}
+        // They come back in the order in which they went.
+        while self.used.pop().is_ok() {
+            self.bytes -= self.sizes.pop_front().unwrap_or(0);
+        }
+        if self.bytes >= AHEAD_BYTES || self.entries.is_full() {
+            return Some(entry);
+        }
+        self.written.clear();
+        entry.write(&mut self.written);
+        self.sizes.push_back(self.written.len());
+        self.bytes += self.written.len();
         match self.entries.push(entry) {
             Ok(()) => None,
             Err(rtrb::PushError::Full(entry)) => Some(entry),
@@ -80,7 +108,6 @@ impl Playback {
     /// # Errors
     /// [`ReplayError`]; the replay cannot go on.
     pub(in crate::sim) fn update(&mut self, simulation: &mut Simulation) -> Result<Played, ReplayError> {
-        let mut passed = 0.0;
         loop {
             // Looked at first, so that nothing comes after what is taken now.
             let is_last = self.entries.is_abandoned();
@@ -88,16 +115,19 @@ impl Playback {
                 return Ok(if is_last { Played::End } else { Played::Waits });
             };
             match entry {
-                Entry::Update { interval, .. } => passed += interval,
-                Entry::LoseTime { seconds } => passed += seconds,
+                Entry::Update { interval, .. } => self.passed += interval,
+                Entry::LoseTime { seconds } => self.passed += seconds,
                 _ => (),
             }
             let replayed = self.replayer.apply(simulation, &entry);
             let is_change = is_change(&entry);
             self.give_back(entry);
             match replayed? {
-                Replayed::Update => return Ok(Played::Update(passed)),
-                Replayed::Lost(lost) => return Ok(Played::Lost(lost)),
+                Replayed::Update => return Ok(Played::Update(std::mem::take(&mut self.passed))),
+                Replayed::Lost(lost) => {
+                    self.passed = 0.0;
+                    return Ok(Played::Lost(lost));
+                }
                 Replayed::Note(text) => simulation.notices.push(format!("noted: {text}")),
                 _ if is_change => return Ok(Played::Change),
                 _ => (),
@@ -161,4 +191,36 @@ fn is_command(entry: &Entry<'_>) -> bool {
             | Entry::RestoreVoxels { .. }
             | Entry::Tool { .. }
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use std::borrow::Cow;
+
+    use super::*;
+    use crate::comm::RigidBodyCommand;
+
+    #[test]
+    fn what_is_read_ahead_is_bounded_in_bytes() {
+        let (mut feed, mut playback) = playback(Replayer::new([]));
+        let command = RigidBodyCommand { joint_commands: vec![0.0; 1 << 20], ..RigidBodyCommand::default() };
+        let entry = || Entry::Body { body: 0, command: Cow::Owned(command.clone()) };
+        let pushed = (0..AHEAD).take_while(|_| feed.push(entry()).is_none()).count();
+        assert!((4..=9).contains(&pushed), "{pushed} of 8 MiB each");
+        let follow = |playback: &mut Playback| {
+            while let Ok(followed) = playback.entries.pop() {
+                playback.give_back(followed);
+            }
+        };
+        for _ in 0..2 {
+            assert!(feed.push(Entry::ResetBodies {}).is_some(), "it is full");
+            follow(&mut playback);
+            assert!((0..pushed).all(|_| feed.push(entry()).is_none()), "what was followed makes room");
+        }
+        // A single one may be as long as it is.
+        follow(&mut playback);
+        let command = RigidBodyCommand { joint_commands: vec![0.0; AHEAD_BYTES / 8 + 1], ..command.clone() };
+        assert!(feed.push(Entry::Body { body: 0, command: Cow::Owned(command) }).is_none());
+        assert!(feed.push(Entry::ResetBodies {}).is_some());
+    }
 }

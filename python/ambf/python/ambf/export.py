@@ -311,10 +311,11 @@ Note = Tuple[float, str]
 
 
 def _notes(recording: Recording, more: Sequence[Note]) -> List[Note]:
-    """Those of a recording and further ones, in order. Raises ExportError."""
+    """Those of a recording and further ones, in order. The recording must be at its beginning. Raises ExportError."""
+    begin = recording.simulation.sim_time
     for time, text in more:
-        if not 0.0 <= time <= recording.end:
-            raise ExportError(f"note {text!r} at {time} s: {recording.path} goes from 0 to {recording.end} s")
+        if not begin <= time <= recording.end:
+            raise ExportError(f"note {text!r} at {time} s: {recording.path} goes from {begin} to {recording.end} s")
     return sorted([*recording.notes, *more], key=lambda note: note[0])
 
 
