@@ -16,7 +16,6 @@
 #include <new>
 
 #include "approach.h"
-#include "closest_points.h"
 #include "contact_normals.h"
 
 namespace {
@@ -46,14 +45,12 @@ class ConvexPair final : public btConvexConvexAlgorithm {
       : btConvexConvexAlgorithm(info.m_manifold, info, first, second, depth_solver, 0, 0),
         depth_solver_(depth_solver),
         near_(near),
-        lines_(lines),
-        scale_(scale_of(std::min(size_of(shape_of(*first)), size_of(shape_of(*second))))),
-        threshold_(std::min(breaking_threshold(*first->getCollisionObject()), breaking_threshold(*second->getCollisionObject()))) {}
+        lines_(lines) {}
 
   void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
                         const btDispatcherInfo &info, btManifoldResult *result) override {
     normals_.turn(*first, *second);
-    find_closest_points(first, second, info, result);
+    btConvexConvexAlgorithm::processCollision(first, second, info, result);
     // Both ends of a line are enough, also for a pair that approaches fast: round sides get no further while they roll.
     const bool has_lines = lines_->replace(*first, *second, *result);
     near_->add(*first, *second, *result, info.m_timeStep, has_lines);
@@ -62,31 +59,6 @@ class ConvexPair final : public btConvexConvexAlgorithm {
   }
 
  private:
-  static const btConvexShape &shape_of(const btCollisionObjectWrapper &object) {
-    return static_cast<const btConvexShape &>(*object.getCollisionShape());
-  }
-
-  // Bullet has a formula for the distance of these from each other.
-  static bool is_round(const btCollisionObjectWrapper &object) {
-    const int type = object.getCollisionShape()->getShapeType();
-    return type == CAPSULE_SHAPE_PROXYTYPE || type == SPHERE_SHAPE_PROXYTYPE;
-  }
-
-  void find_closest_points(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
-                           const btDispatcherInfo &info, btManifoldResult *result) {
-    if (is_round(*first) && is_round(*second))
-      return btConvexConvexAlgorithm::processCollision(first, second, info, result);
-    const btVector3 &about = second->getWorldTransform().getOrigin();
-    const ScaledShape one(shape_of(*first), first->getWorldTransform(), about, scale_),
-        two(shape_of(*second), second->getWorldTransform(), about, scale_);
-    const btCollisionObjectWrapper scaled_first(first, &one.shape, first->getCollisionObject(), one.pose, first->m_partId,
-                                                first->m_index),
-        scaled_second(second, &two.shape, second->getCollisionObject(), two.pose, second->m_partId, second->m_index);
-    ScaledResult scaled(*result, about, scale_, threshold_);
-    btConvexConvexAlgorithm::processCollision(&scaled_first, &scaled_second, info, &scaled);
-    result->setPersistentManifold(scaled.getPersistentManifold());
-  }
-
   void find_resting_points(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
                            const btDispatcherInfo &info, btManifoldResult *result) {
     btCollisionAlgorithmConstructionInfo made(m_dispatcher, 1);
@@ -98,7 +70,6 @@ class ConvexPair final : public btConvexConvexAlgorithm {
   btConvexPenetrationDepthSolver *const depth_solver_;
   NearContacts *const near_;
   LineContacts *const lines_;
-  const btScalar scale_, threshold_;
   ContactNormals normals_;
 };
 

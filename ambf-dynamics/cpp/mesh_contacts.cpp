@@ -11,9 +11,11 @@
 #include <BulletCollision/CollisionShapes/btBoxShape.h>
 #include <BulletCollision/CollisionShapes/btTriangleShape.h>
 #include <BulletCollision/Gimpact/btGImpactShape.h>
+#include <BulletCollision/NarrowPhaseCollision/btGjkPairDetector.h>
+#include <BulletCollision/NarrowPhaseCollision/btPointCollector.h>
+#include <BulletCollision/NarrowPhaseCollision/btVoronoiSimplexSolver.h>
 
 #include "approach.h"
-#include "closest_points.h"
 #include "mesh_topology.h"
 
 namespace {
@@ -41,7 +43,6 @@ class Narrow final : public btTriangleCallback {
         correction_(correction),
         is_thin_(approach.bound() + correction > least_size(shape) / 2 + mesh_margin),
         reach_(is_thin_ ? std::max(approach.bound() + correction, threshold) : threshold),
-        size_(size_of(shape)),
         is_box_(shape.getShapeType() == BOX_SHAPE_PROXYTYPE),
         sharp_box_(is_box_ ? static_cast<const btBoxShape &>(shape).getHalfExtentsWithMargin() : btVector3(1, 1, 1)) {
     sharp_box_.setMargin(0);
@@ -113,8 +114,15 @@ class Narrow final : public btTriangleCallback {
 
   // Distance of the body from a triangle or, if two corners are the same, a segment; no result: farther than the threshold.
   btPointCollector nearest(const btTriangleShape &of) const {
+    btVoronoiSimplexSolver simplex;
+    btGjkPairDetector detector(&solid(), &of, &simplex, &memory_.depth_solver);
+    btGjkPairDetector::ClosestPointInput input;
     const btScalar farthest = margin() + mesh_margin_ + reach_;
-    btPointCollector found = closest_points(solid(), pose_, of, btTransform::getIdentity(), size_, farthest, &memory_.depth_solver);
+    input.m_maximumDistanceSquared = farthest * farthest;
+    input.m_transformA = pose_;
+    input.m_transformB.setIdentity();
+    btPointCollector found;
+    detector.getClosestPoints(input, found, nullptr);
     found.m_hasResult &= found.m_distance < reach_;
     return found;
   }
@@ -231,8 +239,6 @@ class Narrow final : public btTriangleCallback {
   const bool is_thin_;
   // Distance from which on there may be contacts, m.
   const btScalar reach_;
-  // Of the body, m.
-  const btScalar size_;
   const bool is_box_;
   btBoxShape sharp_box_;
   btVector3 low_, high_;

@@ -3,9 +3,11 @@
 #include <algorithm>
 
 #include <BulletCollision/CollisionShapes/btBoxShape.h>
+#include <BulletCollision/NarrowPhaseCollision/btGjkPairDetector.h>
+#include <BulletCollision/NarrowPhaseCollision/btPointCollector.h>
+#include <BulletCollision/NarrowPhaseCollision/btVoronoiSimplexSolver.h>
 
 #include "approach.h"
-#include "closest_points.h"
 
 namespace {
 
@@ -43,10 +45,15 @@ class Solid {
 };
 
 btPointCollector nearest(const Solid &first, const Solid &second, btScalar reach) {
+  btVoronoiSimplexSolver simplex;
+  btGjkPairDetector detector(&first.rounded(), &second.rounded(), &simplex, nullptr);
+  btGjkPairDetector::ClosestPointInput input;
   const btScalar farthest = first.rounded().getMargin() + second.rounded().getMargin() + reach;
-  const btScalar size = std::min(size_of(first.rounded()), size_of(second.rounded()));
-  btPointCollector found =
-      closest_points(first.rounded(), first.pose, second.rounded(), second.pose, size, farthest, nullptr);
+  input.m_maximumDistanceSquared = farthest * farthest;
+  input.m_transformA = first.pose;
+  input.m_transformB = second.pose;
+  btPointCollector found;
+  detector.getClosestPoints(input, found, nullptr);
   found.m_hasResult &= found.m_distance < reach;
   return found;
 }

@@ -3,9 +3,11 @@
 #include <algorithm>
 
 #include <BulletCollision/CollisionShapes/btTriangleShape.h>
+#include <BulletCollision/NarrowPhaseCollision/btGjkPairDetector.h>
+#include <BulletCollision/NarrowPhaseCollision/btPointCollector.h>
+#include <BulletCollision/NarrowPhaseCollision/btVoronoiSimplexSolver.h>
 
 #include "articulation.h"
-#include "closest_points.h"
 
 namespace {
 
@@ -45,10 +47,15 @@ struct Sweep {
 // shape.
 btScalar impact_convex(const Sweep &sweep, const btConvexShape &shape, const btTransform &pose) {
   const btSphereShape ball(sweep.radius);
+  btVoronoiSimplexSolver simplex;
+  btGjkPairDetector detector(&ball, &shape, &simplex, nullptr);
   btScalar share = 0;
   for (int i = 0; i < 64; ++i) {
-    const btTransform at(btMatrix3x3::getIdentity(), sweep.from + sweep.motion * share);
-    const btPointCollector nearest = closest_points(ball, at, shape, pose, sweep.radius, BT_LARGE_FLOAT, nullptr);
+    btGjkPairDetector::ClosestPointInput input;
+    input.m_transformA = btTransform(btMatrix3x3::getIdentity(), sweep.from + sweep.motion * share);
+    input.m_transformB = pose;
+    btPointCollector nearest;
+    detector.getClosestPoints(input, nearest, nullptr);
     if (!nearest.m_hasResult) return 1;
     const btScalar closing = -nearest.m_normalOnBInWorld.dot(sweep.motion);
     if (!(closing > MAX_UNSWEPT_MOTION * sweep.radius)) return 1;
