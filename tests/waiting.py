@@ -7,12 +7,14 @@ PATIENCE_S = 60.0
 
 
 def wait_for(condition, what, seconds=PATIENCE_S, pause=lambda: time.sleep(0.02)):
-    """Polls `condition`, with `pause` between, until it is true and returns its value; fails with `what` after `seconds`."""
+    """Polls `condition`, with `pause` between, until it is true and returns its value; fails after `seconds` with `what`, a
+    text or what returns one."""
     end = time.monotonic() + seconds
     while True:
         value = condition()
         if value:
             return value
         if time.monotonic() > end:
-            raise AssertionError(f"not within {seconds:.0f} s: {what}; last value {value!r}")
+            said = what() if callable(what) else what
+            raise AssertionError(f"not within {seconds:.0f} s: {said}; last value {value!r}")
         pause()

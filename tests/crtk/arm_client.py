@@ -21,7 +21,7 @@ class Arm:
         self.states = []
         self.warnings = []
         self._changed = threading.Condition()
-        self._subscribers = []
+        self._subscribers = {}
         self._publishers = {}
         self.outputs = {
             "measured_js": joints,
@@ -52,7 +52,7 @@ class Arm:
             self._publishers[name] = (publisher, kind)
 
     def _subscribe(self, name, kind, receive, is_latched=False):
-        self._subscribers.append(Subscriber(f"{self.space}/{name}", kind, receive, is_latched))
+        self._subscribers[name] = Subscriber(f"{self.space}/{name}", kind, receive, is_latched)
 
     def _receive(self, name):
         def receive(message):
@@ -78,11 +78,14 @@ class Arm:
     def check_connections(self):
         """Every topic has somebody on the other side."""
 
-        def all_connected():
-            publishers = all(publisher.is_connected() for publisher, _ in self._publishers.values())
-            return publishers and all(subscriber.is_connected() for subscriber in self._subscribers)
+        sent = [(name, publisher) for name, (publisher, _) in self._publishers.items()]
+        unconnected = sent + list(self._subscribers.items())
 
-        wait_for(all_connected, f"all topics of {self.space} are connected")
+        def all_connected():
+            unconnected[:] = [(name, topic) for name, topic in unconnected if not topic.is_connected()]
+            return not unconnected
+
+        wait_for(all_connected, lambda: f"connections of {self.space} for {[name for name, _ in unconnected]}")
         self.wait(lambda: self.states and all(name in self.newest for name in self.outputs), "everything is published")
 
     def send(self, topic, **fields):

@@ -6,6 +6,7 @@ and nothing is started. Otherwise the simulator is, with a roscore for ROS 1. CR
 import os
 import pathlib
 import sys
+import unittest
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
 
@@ -19,11 +20,12 @@ def external():
 
 
 def start(arguments):
-    """Starts what is to be tested and connects this process to it."""
+    """Starts what is to be tested and connects this process to it; what was started ends with the module, also where its set-up fails."""
     from middleware import BackEnd, connect
 
     profile = os.environ.get("CRTK_PROFILE")
     more = ["--profile", profile] if profile else []
     backend = BackEnd([*arguments, *more], external=bool(external()))
+    unittest.addModuleCleanup(backend.stop)
     connect(backend)
     return backend

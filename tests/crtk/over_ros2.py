@@ -4,6 +4,7 @@ import os
 import pathlib
 import signal
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -75,7 +76,8 @@ class BackEnd:
     def stop(self):
         """Ends the node, and what was started."""
         _end.set()
-        _thread.join()
+        if _thread is not None:
+            _thread.join()
         rclpy.shutdown()
         if self._process is not None:
             self._end()
@@ -94,6 +96,8 @@ class BackEnd:
             self._log.seek(0)
             said = self._log.read()
             self._log.close()
+            # Shown where a test fails.
+            print(said, file=sys.stderr)
         assert status == 0 and "panicked" not in said, said
 
 

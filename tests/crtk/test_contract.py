@@ -13,7 +13,7 @@ HOME = [0.0, 0.0, 0.12, 0.0, 0.0, 0.0]
 
 
 def setUpModule():
-    global backend, arm, ecm, messages, nanoseconds
+    global arm, ecm, messages, nanoseconds
     backend = back_end.start(back_end.CART)
     from arm_client import Arm
     from middleware import messages, nanoseconds
@@ -34,10 +34,6 @@ def reset_world():
     publisher = Publisher("/ambf/env/World/Command/Reset", kind)
     wait_for(publisher.is_connected, "somebody resets the world")
     publisher.publish(kind())
-
-
-def tearDownModule():
-    backend.stop()
 
 
 class Contract(unittest.TestCase):

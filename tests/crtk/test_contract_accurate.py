@@ -7,9 +7,6 @@ import back_end
 import test_contract
 from test_contract import Contract  # noqa: F401
 
-tearDownModule = test_contract.tearDownModule
-
-
 def setUpModule():
     """The same arms in the other profile."""
     if back_end.external():

@@ -15,6 +15,7 @@ def setUpModule():
     if back_end.external():
         raise unittest.SkipTest("another back end may have no service that holds it")
     folder = tempfile.TemporaryDirectory()
+    unittest.addModuleCleanup(folder.cleanup)
     text = CARTS.read_text().replace("  - name: PSM1\n", "  - name: PSM1\n    clock: sim\n")
     assert "clock: sim" in text
     file = pathlib.Path(folder.name) / "cart.yaml"
@@ -26,11 +27,6 @@ def setUpModule():
     arms = {"sim": Arm("/PSM1"), "wall": Arm("/ECM", jaw=False)}
     for arm in arms.values():
         arm.check_connections()
-
-
-def tearDownModule():
-    backend.stop()
-    folder.cleanup()
 
 
 def stamps(arm):

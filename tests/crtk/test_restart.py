@@ -17,10 +17,6 @@ def setUpModule():
     arm.check_connections()
 
 
-def tearDownModule():
-    backend.stop()
-
-
 class Restart(unittest.TestCase):
     """The client stays while the simulator is started again."""
 

@@ -36,7 +36,7 @@ SENT = {
 
 
 def setUpModule():
-    global backend, arm, kinds, middleware
+    global arm, kinds, middleware
     if back_end.external():
         raise unittest.SkipTest("another back end may have no topics of the real robot")
     backend = back_end.start(back_end.CART)
@@ -46,10 +46,6 @@ def setUpModule():
     kinds = middleware.messages()
     arm = Arm("/PSM1", robot=True)
     arm.check_connections()
-
-
-def tearDownModule():
-    backend.stop()
 
 
 class Topic:

@@ -38,7 +38,6 @@ class MasterAndPuppet(unittest.TestCase):
         # Its controllers act in each sub-step: those of `legacy` act once an iteration, and swing where a busy machine makes long ones.
         os.environ["CRTK_PROFILE"] = "accurate"
         backend = back_end.start(back_end.CART)
-        self.addCleanup(backend.stop)
         from arm_client import Arm
         from teleoperation import Settings, Teleoperation, frame_of
 

@@ -36,20 +36,22 @@ class Cut(Simulated):
         self.simulator("--ros", "2", scene=(self.launch_file(), 0))
         self.node = self.client()
         self.messages = self.node.listen(Voxels, f"{PLUGIN}/voxels_removed", MANY)
+        self.told = {}
+        self.read = 0
         publishers = self.node.node.count_publishers
         self.node.wait_for(lambda: publishers(f"{PLUGIN}/voxels_removed") == 1, "the simulator tells of cuts")
 
     def voxels(self):
         """Colours of 255 by index; a voxel that is told twice is a failure."""
-        told = {}
-        for message in self.messages:
+        new, self.read = self.messages[self.read :], len(self.messages)
+        for message in new:
             self.assertEqual(message.header.frame_id, f"/ambf/env/VOLUME {self.VOLUME}")
             self.assertEqual(len(message.indices), len(message.colors))
             for index, color in zip(message.indices, message.colors):
-                self.assertNotIn((index.x, index.y, index.z), told)
+                self.assertNotIn((index.x, index.y, index.z), self.told)
                 levels = (color.r, color.g, color.b, color.a)
-                told[index.x, index.y, index.z] = tuple(round(255 * level) for level in levels)
-        return told
+                self.told[index.x, index.y, index.z] = tuple(round(255 * level) for level in levels)
+        return self.told
 
     def publisher(self, topic, kind):
         """A publisher to which the simulator listens."""
@@ -111,14 +113,10 @@ class Phantom(Cut):
         states = self.node.listen(RigidBodyState, "/ambf/env/drill/State", MANY)
         command = self.publisher("/ambf/env/drill/Command", RigidBodyCmd)
         self.node.wait_for(lambda: states, "a state")
-        push = RigidBodyCmd(cartesian_cmd_type=RigidBodyCmd.TYPE_FORCE)
-
-        def push_down():
-            push.wrench.force.z = -0.5 - 5.0 * states[-1].twist.linear.z
-            command.publish(push)
-
-        self.until_cut(push_down, 300, "the drill cuts")
-        # It slides along the bone; its burr has a radius of 1 mm.
+        down = RigidBodyCmd(cartesian_cmd_type=RigidBodyCmd.TYPE_POSITION)
+        down.pose.position.z, down.pose.orientation.w = 0.0055, 1.0
+        self.until_cut(lambda: command.publish(down), 300, "the drill cuts")
+        # It may slide along the bone; its burr has a radius of 2 mm.
         ways = [(state.pose.position.x, state.pose.position.y) for state in states]
         for index in self.voxels():
             self.assertLess(min(math.dist(centre(index)[:2], way) for way in ways), 0.0035)
