@@ -1,7 +1,7 @@
 //! Messages of cameras as they go over the wire, written in place: a cloud has ten megabytes.
 
 use ambf_render::Eye;
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::{Matrix3, Matrix4, Vector4};
 
 /// Bytes of one point of a cloud.
 pub(super) const POINT_STEP: u32 = 32;
@@ -172,6 +172,8 @@ pub(super) struct Pinhole {
     pub principal_point: (f64, f64),
     /// Columns a row, counted downwards.
     pub skew: f64,
+    /// Of the left camera of a pair, where it is in this one's frame (right, down), m; (0, 0) for all others.
+    pub left: (f64, f64),
 }
 
 impl Pinhole {
@@ -190,11 +192,26 @@ impl Pinhole {
             principal_point: (0.5 * width * (1.0 - at(0, 2)), 0.5 * height * (1.0 + at(1, 2))),
             // The eye's y counts upwards.
             skew: -0.5 * width * at(0, 1),
+            left: (0.0, 0.0),
         })
+    }
+
+    /// The same beside the left camera of the pair, if both look in one direction and stand side by side: only then are their
+    /// pictures those of a rectified pair.
+    pub fn beside(self, eye: &Eye, left: &Eye) -> Self {
+        /// By which frames may differ, rad and m: rounding.
+        const ROUNDING: f64 = 1e-6;
+        let Some(inverse) = left.view.try_inverse() else { return self };
+        let relative = eye.view * inverse;
+        let turn = relative.fixed_view::<3, 3>(0, 0) - Matrix3::identity();
+        if turn.amax() > ROUNDING || relative[(2, 3)].abs() > ROUNDING {
+            return self;
+        }
+        Self { left: (relative[(0, 3)], -relative[(1, 3)]), ..self }
     }
 }
 
-/// Appends a `sensor_msgs/CameraInfo` without distortion.
+/// Appends a `sensor_msgs/CameraInfo` without distortion. P projects points in the frame of the left camera of a pair.
 pub(super) fn camera_info(
     bytes: &mut Vec<u8>,
     seq: u32,
@@ -211,7 +228,8 @@ pub(super) fn camera_info(
     number(bytes, 0); // D
     numbers(bytes, &[fx, s, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]);
     numbers(bytes, &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
-    numbers(bytes, &[fx, s, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    let (x, y) = pinhole.left;
+    numbers(bytes, &[fx, s, cx, fx * x + s * y, 0.0, fy, cy, fy * y, 0.0, 0.0, 1.0, 0.0]);
     number(bytes, 0); // no binning
     number(bytes, 0);
     bytes.extend([0; 17]); // the whole picture is the region of interest
@@ -369,6 +387,26 @@ mod tests {
         assert_eq!(message.K, [fx, 0.0, 320.0, 0.0, fy, 240.0, 0.0, 0.0, 1.0]);
         assert_eq!(message.P, [fx, 0.0, 320.0, 0.0, 0.0, fy, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
         assert_eq!(message.R[0] + message.R[4] + message.R[8], 3.0);
+    }
+
+    /// The right camera of a pair tells the baseline; cameras that look elsewhere are none.
+    #[test]
+    fn a_right_camera_tells_the_baseline() {
+        let at = |y: f64, yaw: f64| View {
+            pose: Isometry3::new(nalgebra::Vector3::new(0.3, y, 0.1), nalgebra::Vector3::new(0.0, 0.0, yaw)),
+            ..view(Projection::Perspective(0.5), None)
+        };
+        // A camera looks along −x of its frame: y is to its right.
+        let eyes = [at(0.0, 0.0), at(0.02, 0.0), at(0.02, 0.1)].map(|view| view.eyes(640, 480)[0]);
+        let pinhole = Pinhole::of(&eyes[1]).unwrap();
+        let beside = pinhole.beside(&eyes[1], &eyes[0]);
+        assert!((beside.left.0 + 0.02).abs() < 1e-12 && beside.left.1.abs() < 1e-12, "{beside:?}");
+        let mut bytes = Vec::new();
+        camera_info(&mut bytes, 5, OF, (640, 480), &beside);
+        let message: sensor_msgs::CameraInfo = decoded(&bytes);
+        assert!((message.P[3] + 0.02 * pinhole.focal_lengths.0).abs() < 1e-9, "{:?}", message.P);
+        assert_eq!((message.P[7], message.P[11]), (0.0, 0.0));
+        assert_eq!(pinhole.beside(&eyes[2], &eyes[0]), pinhole);
     }
 
     /// A camera that was described by intrinsics publishes them.

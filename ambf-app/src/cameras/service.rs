@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use ambf_core::adf;
 use ambf_core::comm::Snapshot;
-use ambf_core::scene::VisualScene;
+use ambf_core::scene::{VisualObject, VisualScene};
 use ambf_render::{published_size, Picture, PictureRequest, Renderer, Stage, View};
 use image::codecs::jpeg::JpegEncoder;
 use image::ExtendedColorType;
@@ -178,7 +178,10 @@ impl Camera {
 
         if due.info {
             let eyes = view.eyes(image_size.0, image_size.1);
-            if let [Some(pinhole)] = eyes.iter().map(Pinhole::of).collect::<Vec<_>>()[..] {
+            if let [Some(mut pinhole)] = eyes.iter().map(Pinhole::of).collect::<Vec<_>>()[..] {
+                if let Some(left) = left_of_pair(&camera.object, visuals, snapshot) {
+                    pinhole = pinhole.beside(&eyes[0], &left.eyes(image_size.0, image_size.1)[0]);
+                }
                 topics.info.send(|bytes, seq| {
                     messages::camera_info(bytes, seq, header, image_size, &pinhole);
                 });
@@ -258,6 +261,14 @@ impl Camera {
             });
         }
     }
+}
+
+/// The camera with `left` in its name where a camera's own has `right`, if there is one.
+fn left_of_pair(object: &VisualObject, visuals: &VisualScene, snapshot: &Snapshot) -> Option<View> {
+    let name = object.name.contains("right").then(|| object.name.replace("right", "left"))?;
+    let is_left = |of: &VisualObject| !of.removed && of.namespace == object.namespace && *of.name == *name;
+    let index = visuals.cameras.position(|camera| is_left(&camera.object))?;
+    Some(View::of_camera(&visuals.cameras.get(index)?.description, snapshot.views.get(index)?))
 }
 
 fn send_color(topics: &CameraTopics, due: Due, header: Header<'_>, picture: &Picture) {
