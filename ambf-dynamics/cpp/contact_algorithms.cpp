@@ -41,20 +41,20 @@ class ConvexPair final : public btConvexConvexAlgorithm {
  public:
   ConvexPair(const btCollisionAlgorithmConstructionInfo &info, const btCollisionObjectWrapper *first,
              const btCollisionObjectWrapper *second, btConvexPenetrationDepthSolver *depth_solver, NearContacts *near,
-             LineContacts *lines)
+             FaceContacts *faces)
       : btConvexConvexAlgorithm(info.m_manifold, info, first, second, depth_solver, 0, 0),
         depth_solver_(depth_solver),
         near_(near),
-        lines_(lines) {}
+        faces_(faces) {}
 
   void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
                         const btDispatcherInfo &info, btManifoldResult *result) override {
     normals_.turn(*first, *second);
     btConvexConvexAlgorithm::processCollision(first, second, info, result);
+    const Replaced replaced = faces_->replace(*first, *second, *result);
     // Both ends of a line are enough, also for a pair that approaches fast: round sides get no further while they roll.
-    const bool has_lines = lines_->replace(*first, *second, *result);
-    near_->add(*first, *second, *result, info.m_timeStep, has_lines);
-    if (!has_lines && is_deep(*result)) find_resting_points(first, second, info, result);
+    near_->add(*first, *second, *result, info.m_timeStep, replaced == Replaced::Line);
+    if (replaced == Replaced::None && is_deep(*result)) find_resting_points(first, second, info, result);
     normals_.keep(*first, *second, *result);
   }
 
@@ -69,7 +69,7 @@ class ConvexPair final : public btConvexConvexAlgorithm {
 
   btConvexPenetrationDepthSolver *const depth_solver_;
   NearContacts *const near_;
-  LineContacts *const lines_;
+  FaceContacts *const faces_;
   ContactNormals normals_;
 };
 
@@ -298,7 +298,7 @@ btCollisionAlgorithm *create(const btCollisionAlgorithmConstructionInfo &info, A
 btCollisionAlgorithm *ContactAlgorithms::Pairs::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
                                                                          const btCollisionObjectWrapper *first,
                                                                          const btCollisionObjectWrapper *second) {
-  return create<ConvexPair>(info, first, second, m_pdSolver, near, lines);
+  return create<ConvexPair>(info, first, second, m_pdSolver, near, faces);
 }
 
 btCollisionAlgorithm *ContactAlgorithms::Boxes::CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,

@@ -1,5 +1,5 @@
 // Contacts that Bullet's algorithms do not find: of convex shapes, here; of those that do not touch yet, near_contacts.h; of
-// lines on faces, line_contacts.h; of meshes, mesh_contacts.h. C++ only.
+// lines and faces on faces, face_contacts.h; of meshes, mesh_contacts.h. C++ only.
 //
 // Deep pairs. Bullet finds one point of a pair of convex shapes in each sub-step, the deepest, and keeps up to four of
 // them while they hardly move. A shape that lands flat, or a rod on a rod beside it, is thus held by one point of its
@@ -21,7 +21,7 @@
 #include <BulletCollision/CollisionDispatch/btConvexPlaneCollisionAlgorithm.h>
 #include <BulletCollision/NarrowPhaseCollision/btGjkEpaPenetrationDepthSolver.h>
 
-#include "line_contacts.h"
+#include "face_contacts.h"
 #include "mesh_contacts.h"
 #include "near_contacts.h"
 
@@ -35,7 +35,7 @@ class ContactAlgorithms {
     plane_first_.m_swapped = true;
     compound_second_.m_swapped = true;
     pairs_.near = boxes_.near = &near_;
-    pairs_.lines = &lines_;
+    pairs_.faces = &faces_;
   }
   void enable(btCollisionDispatcher &dispatcher, btCollisionConfiguration &configuration);
   // To be called with each shape that is or has a mesh, after Bullet has registered its algorithms for meshes.
@@ -48,7 +48,7 @@ class ContactAlgorithms {
                                                    const btCollisionObjectWrapper *first,
                                                    const btCollisionObjectWrapper *second) override;
     NearContacts *near = nullptr;
-    LineContacts *lines = nullptr;
+    FaceContacts *faces = nullptr;
   };
   struct Boxes final : btCollisionAlgorithmCreateFunc {
     btCollisionAlgorithm *CreateCollisionAlgorithm(btCollisionAlgorithmConstructionInfo &info,
@@ -74,7 +74,7 @@ class ContactAlgorithms {
 
   btGjkEpaPenetrationDepthSolver depth_solver_;
   NearContacts near_;
-  LineContacts lines_;
+  FaceContacts faces_;
   Pairs pairs_;
   Boxes boxes_;
   Spheres spheres_;

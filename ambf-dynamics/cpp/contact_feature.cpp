@@ -136,6 +136,17 @@ void ContactFeature::order(const btVector3 &normal, btScalar band) {
   points_.swap(other_);
 }
 
+btScalar ContactFeature::unevenness(btVector3 &normal) const {
+  btVector3 sum(0, 0, 0), middle(0, 0, 0);
+  for (size_t i = 2; i < points_.size(); ++i) sum += (points_[i - 1] - points_[0]).cross(points_[i] - points_[0]);
+  if (!(sum.length2() > 0)) return SIMD_INFINITY;
+  normal = sum.normalized();
+  for (const btVector3 &point : points_) middle += point / static_cast<btScalar>(points_.size());
+  btScalar most = 0;
+  for (const btVector3 &point : points_) most = std::max(most, btFabs(normal.dot(point - middle)));
+  return most;
+}
+
 void ContactFeature::clip(const HalfSpace &space) {
   other_.clear();
   for (size_t i = 0; i < points_.size(); ++i) {

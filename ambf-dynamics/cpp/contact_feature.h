@@ -4,6 +4,8 @@
 
 #include <BulletCollision/CollisionShapes/btConvexShape.h>
 
+#include <initializer_list>
+
 #include "arena_memory.h"
 
 // The inside of a plane: direction . p >= offset.
@@ -19,6 +21,10 @@ class ContactFeature {
  public:
   // Finds what is lowest along the normal, up to `band` m above the lowest point.
   void find(const btConvexShape &shape, const btTransform &pose, const btVector3 &normal, btScalar band);
+  // Takes points that are known.
+  void set(std::initializer_list<btVector3> points) { points_.assign(points); }
+  // By how much the points, at least three in order, are off a plane, m, and its normal; infinite where they span none.
+  btScalar unevenness(btVector3 &normal) const;
   // Leaves what is in a half space (Sutherland and Hodgman, Reentrant polygon clipping, 1974).
   void clip(const HalfSpace &space);
   // Leaves what is seen within a polygon, in order, along the normal.

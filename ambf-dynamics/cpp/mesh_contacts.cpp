@@ -22,10 +22,6 @@ namespace {
 
 // Manifolds of a pair: as many walls may a body touch at a time.
 constexpr int MOST_GROUPS = 4;
-// Cosine of the largest angle between the normals of a group.
-constexpr btScalar GROUP_COSINE = 0.9;
-// Share of the contact breaking threshold by which a point has to be deeper than others to be kept for its depth.
-constexpr btScalar SAME_DEPTH = 0.01;
 
 // Finds the contacts of one shape with the triangles near it, in the frame of the mesh.
 class Narrow final : public btTriangleCallback {
@@ -244,53 +240,6 @@ class Narrow final : public btTriangleCallback {
   btVector3 low_, high_;
 };
 
-// The lowest contact of a group and those that span the largest area with it.
-struct Selection {
-  const MeshContact *kept[4];
-  int count = 0;
-};
-
-// Selects among the contacts that are not done and have a normal like that of `seed`; marks all of them as done.
-Selection select(Vector<MeshContact> &contacts, const MeshContact &seed, const btVector3 &centre, btScalar threshold) {
-  const btVector3 normal = seed.normal;
-  const btScalar deepest = seed.distance;
-  Selection selection;
-  const auto is_in = [&](const MeshContact &contact) { return !contact.is_done && normal.dot(contact.normal) > GROUP_COSINE; };
-  // Points nearer to each other than this are one. Of two surfaces below the same point of the body the nearer one counts.
-  const btScalar apart = btScalar(0.1) * threshold;
-  // The contact of the highest value, if that is above `least`.
-  const auto keep_best = [&](btScalar least, auto value) {
-    const MeshContact *best = nullptr;
-    for (const MeshContact &contact : contacts) {
-      if (!is_in(contact)) continue;
-      const btScalar found = value(contact);
-      const bool is_better = best && found > least - apart ? found > least + apart || contact.distance < best->distance
-                                                           : found > least;
-      if (!is_better) continue;
-      least = found;
-      best = &contact;
-    }
-    if (best) selection.kept[selection.count++] = best;
-    return best;
-  };
-  const auto on_body = [](const MeshContact &contact) { return contact.point + contact.normal * contact.distance; };
-  const MeshContact *a = keep_best(-1, [&](const MeshContact &contact) {
-    return contact.distance <= deepest + SAME_DEPTH * threshold ? on_body(contact).distance(centre) : btScalar(-1);
-  });
-  const MeshContact *b =
-      a ? keep_best(apart, [&](const MeshContact &contact) { return on_body(contact).distance(on_body(*a)); }) : nullptr;
-  if (b) {
-    const btVector3 side = normal.cross(on_body(*b) - on_body(*a)).normalized();
-    const auto beside = [&](const MeshContact &contact) { return side.dot(on_body(contact) - on_body(*a)); };
-    keep_best(apart, beside);
-    keep_best(apart, [&](const MeshContact &contact) { return -beside(contact); });
-  }
-  for (MeshContact &contact : contacts) {
-    if (is_in(contact)) contact.is_done = true;
-  }
-  return selection;
-}
-
 class ConvexOnMesh final : public btCollisionAlgorithm {
  public:
   ConvexOnMesh(const btCollisionAlgorithmConstructionInfo &info, MeshContacts &memory, bool is_mesh_first)
@@ -318,19 +267,19 @@ class ConvexOnMesh final : public btCollisionAlgorithm {
       memory_.found.clear();
       mesh.processAllTriangles(&narrow, narrow.low(), narrow.high());
       if (correction > 0) break;
-      for (const MeshContact &contact : memory_.found)
+      for (const SurfaceContact &contact : memory_.found)
         correction = std::max(correction, Approach::of_correction(-contact.distance));
       if (!(correction > 0)) break;
     }
 
     int groups = 0;
     for (; groups < MOST_GROUPS; ++groups) {
-      const MeshContact *seed = nullptr;
-      for (const MeshContact &contact : memory_.found) {
+      const SurfaceContact *seed = nullptr;
+      for (const SurfaceContact &contact : memory_.found) {
         if (!contact.is_done && (!seed || contact.distance < seed->distance)) seed = &contact;
       }
       if (!seed) break;
-      const Selection selection = select(memory_.found, *seed, pose.getOrigin(), threshold);
+      const ContactSelection selection = select_contacts(memory_.found, *seed, pose.getOrigin(), threshold);
       btPersistentManifold *&manifold = manifolds_[groups];
       if (groups == count_) {
         manifold = m_dispatcher->getNewManifold(first->getCollisionObject(), second->getCollisionObject());
@@ -339,7 +288,7 @@ class ConvexOnMesh final : public btCollisionAlgorithm {
       manifold->clearManifold();
       result->setPersistentManifold(manifold);
       for (int i = 0; i < selection.count; ++i) {
-        const MeshContact &contact = *selection.kept[i];
+        const SurfaceContact &contact = *selection.kept[i];
         const btVector3 normal = frame.getBasis() * contact.normal, point = frame(contact.point);
         // Bullet asks for the normal and the point of the second object.
         if (is_mesh_first_) {

@@ -23,22 +23,10 @@
 #include <BulletCollision/NarrowPhaseCollision/btConvexPenetrationDepthSolver.h>
 #include <BulletCollision/CollisionDispatch/btCollisionCreateFunc.h>
 
-#include "contact_feature.h"
+#include "contact_selection.h"
 
 class btCollisionDispatcher;
 class btGImpactMeshShape;
-
-// In the frame of the mesh.
-struct MeshContact {
-  // From the mesh to the body.
-  btVector3 normal;
-  // On the mesh.
-  btVector3 point;
-  // Between the surfaces along the normal, m; negative if they overlap.
-  btScalar distance;
-  // The group that it is in is done.
-  bool is_done;
-};
 
 // Registers the algorithm that finds them, and has what it works with. It has to outlive the dispatcher.
 class MeshContacts {
@@ -53,7 +41,8 @@ class MeshContacts {
   btConvexPenetrationDepthSolver &depth_solver;
   // Scratch memory.
   ContactFeature feature;
-  Vector<MeshContact> found;
+  // In the frame of the mesh, from the mesh to the body.
+  Vector<SurfaceContact> found;
 
  private:
   struct Pairs final : btCollisionAlgorithmCreateFunc {

@@ -12,7 +12,7 @@ mod joint_drives;
 mod joint_rows;
 mod joint_wrenches;
 mod kinematic_bodies;
-mod line_contacts;
+mod face_contacts;
 mod lost_states;
 mod mesh_holes;
 mod mjcf;
