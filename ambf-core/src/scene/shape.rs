@@ -1,6 +1,6 @@
 //! Collision geometry of a description → Bullet shape, with the estimates that follow from it.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Matrix3, SymmetricEigen, Vector3};
 
 use super::hulls::{hull_remark, CollisionMeshes, HullCache};
 use crate::adf::{
@@ -71,17 +71,35 @@ impl Margin {
         if !is_ours || !self.is_moved {
             return self.length;
         }
-        let extent = |axis: usize| {
-            let along = || vertices.iter().map(|vertex| vertex[axis]);
-            along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
-        };
-        let extents = Vector3::new(extent(0), extent(1), extent(2));
-        if extents.min() > SHEET * extents.max() {
-            self.length.min(MOST_MESH_MARGIN * extents.min())
+        let (least, largest) = extents(vertices);
+        if least > SHEET * largest {
+            self.length.min(MOST_MESH_MARGIN * least)
         } else {
             self.length
         }
     }
+}
+
+/// Least and largest extent of a part along the axes of its mesh and the principal axes of its vertices, m: those of a wall do not
+/// depend on how it is turned.
+fn extents(vertices: &[[f64; 3]]) -> (f64, f64) {
+    let points = || vertices.iter().map(|vertex| Vector3::from(*vertex));
+    let mean = points().sum::<Vector3<f64>>() / vertices.len().max(1) as f64;
+    let scatter = points().map(|point| (point - mean) * (point - mean).transpose()).sum::<Matrix3<f64>>();
+    let along = |axis: Vector3<f64>| {
+        let places = || points().map(|point| axis.dot(&point));
+        places().fold(f64::NEG_INFINITY, f64::max) - places().fold(f64::INFINITY, f64::min)
+    };
+    let (mut least, mut largest) = (f64::INFINITY, 0.0_f64);
+    let principal = SymmetricEigen::try_new(scatter, f64::EPSILON, 100).map(|eigen| eigen.eigenvectors);
+    for axis in std::iter::once(Matrix3::identity())
+        .chain(principal)
+        .flat_map(|axes| [0, 1, 2].map(|i| axes.column(i).into_owned()))
+    {
+        least = least.min(along(axis));
+        largest = largest.max(along(axis));
+    }
+    (least, largest)
 }
 
 /// The shape of a collision geometry in a frame at `origin` in the body frame; a single primitive without an offset is
@@ -358,6 +376,24 @@ mod tests {
             geometry(&compound, margin, None, &CollisionMeshes::new(), &Isometry3::identity(), &mut Vec::new())
         };
         check_congruent(&geometry_of(parts), &drawn, margin, "compound");
+    }
+
+    #[test]
+    fn the_margin_of_a_wall_does_not_depend_on_how_it_is_turned() {
+        let margin = |turn: f64, scale: f64| {
+            let turn = nalgebra::Rotation3::from_euler_angles(0.3 * turn, 0.5 * turn, turn);
+            let corner = |i: u32| {
+                let at = |bit: u32, half: f64| if i >> bit & 1 == 1 { half } else { -half };
+                (turn * Vector3::new(at(0, 0.0005), at(1, 0.007), at(2, 0.0075)) * scale).into()
+            };
+            let vertices: Vec<[f64; 3]> = (0..8).map(corner).collect();
+            Margin { length: 0.001, profile: Profile::Accurate, is_moved: true }
+                .of_part(&vertices, CollisionMeshKind::ConvexHull)
+        };
+        for turn in [0.0, 0.4, 1.1] {
+            assert!((margin(turn, 1.0) - 2e-5).abs() < 1e-12, "{turn}: {}", margin(turn, 1.0));
+        }
+        assert_eq!(margin(0.4, f64::NAN), 0.001);
     }
 
     #[test]

@@ -100,8 +100,8 @@ fn a_block_stays_in_jaws_that_turn() {
     assert!(most.0 < 1e-6 && most.1 < 1e-4, "in two turns it slips by {} m and {} rad", most.0, most.1);
 }
 
-/// A bar held at its end. With friction μ = 0.5 (measured by what slips) the corners of two pads of 10 mm hold a moment of
-/// 2 μ 10 N 7.07 mm = 71 mN·m about the normal, less by what carries the weight.
+/// A bar held at its end. With friction μ = 0.25 the corners of two pads of 10 mm, 7.07 mm from the middle, hold a moment of
+/// 2 μ 10 N 7.07 mm = 35 mN·m about the normal, less by what carries the weight; the bars have 12 and 74 mN·m.
 #[test]
 fn a_bar_held_at_its_end_does_not_turn() {
     for (mass, holds) in [(0.05, true), (0.3, false)] {
