@@ -19,6 +19,8 @@ def quaternion(rotation: Vector) -> str:
 
 class MuJoCo(Simulator):
     name = "MuJoCo"
+    rate_gain = 100.0
+    """Of motors that drive a rate, N s/m or N m s/rad."""
 
     def __init__(self, scene: Scene, step: float) -> None:
         self.scene = scene
@@ -143,7 +145,7 @@ class MuJoCo(Simulator):
         self.actuate(joint, effort, 1, (0, 0, 0))
 
     def drive(self, joint: str, rate: float) -> None:
-        self.actuate(joint, rate, 100, (0, 0, -100))
+        self.actuate(joint, rate, self.rate_gain, (0, 0, -self.rate_gain))
 
     def servo(self, joint: str, coordinate: float) -> None:
         self.actuate(joint, coordinate, 100, (0, -100, -10))
