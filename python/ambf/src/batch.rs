@@ -22,7 +22,7 @@ use crate::arrays::Buffer;
 use crate::load::{self, Made, Wanted};
 use crate::pool::Counts;
 use crate::world::{slice, SLICE};
-use crate::{errors, names, parameters, tree};
+use crate::{contacts, errors, names, parameters, tree};
 
 /// Kind of a body or joint that is not commanded.
 const NONE: i8 = -1;
@@ -44,6 +44,8 @@ struct Layout {
     rows: Vec<Row>,
     joint_ids: Vec<JointId>,
     joint_names: Vec<String>,
+    /// Places in `rows` by the bodies' numbers; -1: a passive body.
+    places: Vec<i64>,
 }
 
 /// Numbers of a body: pose and twist.
@@ -74,7 +76,12 @@ impl Layout {
                 row.joints[place] = Some(joint.index());
             }
         }
-        Self { rows: rows.into_iter().map(|(row, _)| row).collect(), joint_ids, joint_names }
+        let rows: Vec<Row> = rows.into_iter().map(|(row, _)| row).collect();
+        let mut places = vec![-1; scene.bodies.len()];
+        for (place, row) in (0..).zip(&rows) {
+            places[row.id.index()] = place;
+        }
+        Self { rows, joint_ids, joint_names, places }
     }
 
     /// Numbers that are seen of a world: those of bodies, then positions, velocities and efforts of joints.
@@ -656,6 +663,20 @@ impl Batch {
             refused.collect::<Vec<_>>().into_iter().next()
         })?
         .map_or(Ok(()), |(world, problem)| Err(errors::refused(py, &format!("world {world}: {problem}"))))
+    }
+
+    /// Of all contact points: the world and the places of the two bodies, and their numbers.
+    fn contacts<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>)> {
+        let (mut places, mut numbers) = (Vec::new(), Vec::new());
+        self.with(py, |lanes| {
+            for (world, lane) in (0..).zip(lanes.iter()) {
+                let place = |body: BodyId| self.layout.places.get(body.index()).copied().unwrap_or(-1);
+                contacts::gather(&lane.stepper, &mut numbers, |first, second| {
+                    places.extend([world, place(first), place(second)]);
+                });
+            }
+        })?;
+        Ok((PyArray1::from_vec(py, places), PyArray1::from_vec(py, numbers)))
     }
 
     /// Why worlds are lost: their numbers and what happened.

@@ -16,6 +16,7 @@ mod arms;
 mod arrays;
 mod batch;
 mod commands;
+mod contacts;
 mod drawing;
 mod errors;
 mod load;

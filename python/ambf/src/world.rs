@@ -30,7 +30,7 @@ use crate::drawing::{self, Drawing, Moment};
 use crate::load::{self, Made, Wanted};
 use crate::tree::{self, Tree};
 use crate::view::Windows;
-use crate::{errors, names, parameters, volumes};
+use crate::{contacts, errors, names, parameters, volumes};
 
 /// How long the physics goes on before Python is asked whether it was interrupted.
 pub const SLICE: Duration = Duration::from_millis(100);
@@ -705,20 +705,12 @@ impl World {
     fn contacts<'py>(&self, py: Python<'py>) -> PyResult<Contacts<'py>> {
         let (mut rows, mut names, mut numbers) = (Vec::new(), Vec::new(), Vec::new());
         self.with(py, |physics| {
-            let simulation = physics.stepper.simulation();
-            let scene = simulation.scene();
-            for (body, contact) in scene.world.contact_points() {
-                let found = [body, contact.other].map(|handle| scene.bodies.id_of(handle));
-                let [Some(first), Some(second)] = found else { continue };
+            let scene = physics.stepper.simulation().scene();
+            contacts::gather(&physics.stepper, &mut numbers, |first, second| {
                 rows.push([first, second].map(|id| self.row_of(id)));
                 let name = |id: BodyId| names::of_body(&scene.bodies[id]);
                 names.push((name(first), name(second)));
-                let per_second = 1.0 / simulation.sub_step();
-                numbers.extend(contact.point.iter().chain(contact.normal.iter()));
-                numbers.extend([contact.distance, contact.impulse * per_second]);
-                numbers.extend((contact.friction * per_second).iter());
-                numbers.push(contact.friction_coefficient);
-            }
+            });
         })?;
         Ok((rows, names, PyArray1::from_vec(py, numbers)))
     }

@@ -1,6 +1,7 @@
 """Many worlds of one scene in one object."""
 
 import pathlib
+import tempfile
 import threading
 import unittest
 
@@ -19,6 +20,38 @@ def batch(n=N, model=ARM, **options):
 
 class Batches(unittest.TestCase):
     """Each world does what it would do alone."""
+
+    def test_contacts_are_those_of_simulations(self):
+        """Of a box on the ground, in each world with its own mass; what hovers has none."""
+        model = (
+            "bodies: [BODY ground, BODY box]\n"
+            "BODY ground: {name: ground, mass: 0, collision shape: Box, collision geometry: {x: 1, y: 1, z: 0.1},"
+            " location: {position: {x: 0, y: 0, z: -0.05}}}\n"
+            "BODY box: {name: box, mass: 1, collision shape: Box, collision geometry: {x: 0.1, y: 0.1, z: 0.1},"
+            " location: {position: {x: 0, y: 0, z: 0.05}}}\n"
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            file = pathlib.Path(folder) / "box.yaml"
+            file.write_text(model)
+            worlds, sim = (
+                batch(3, file, profile="accurate"),
+                ambf.Simulation(file, launch_file=LAUNCH, profile="accurate"),
+            )
+        masses = np.array([1.0, 2.0, 3.0])
+        worlds.set_parameters(masses={"box": masses})
+        poses = np.full_like(worlds.poses, np.nan)
+        poses[1, worlds.body("box")] = (0, 0, 0.5, 0, 0, 0, 1)
+        worlds.reset(np.array([False, True, False]), poses=poses)
+        worlds.step(100)
+        sim.step(100)
+        found, alone = worlds.contacts(), sim.contacts()
+        self.assertEqual(set(found.worlds.tolist()), {0, 2})
+        first = found.worlds == 0
+        np.testing.assert_array_equal(found.bodies[first], alone.bodies)
+        for name in ("points", "normals", "distances", "forces", "friction_forces", "frictions"):
+            np.testing.assert_array_equal(getattr(found, name)[first], getattr(alone, name), err_msg=name)
+        weights = found.normal_forces(3, worlds.body("box"))
+        np.testing.assert_allclose(weights, [9.81, 0.0, 3 * 9.81], rtol=1e-6)
 
     def test_worlds_are_those_of_simulations_to_the_bit(self):
         """Under commands of all kinds, through resets of some, with parameters of their own; in both profiles."""

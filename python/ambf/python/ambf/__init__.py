@@ -16,7 +16,7 @@ from ._ambf import State
 from ._ambf import version as __version__
 from .arms import Arm, Cartesian, Joints, OperatingState
 from .arrays import EFFORT, FORCE, NONE, POSITION, VELOCITY
-from .batch import Batch
+from .batch import Batch, BatchContacts
 from .errors import (
     AmbfError,
     BusyError,
@@ -57,6 +57,7 @@ __all__ = [
     "AmbfError",
     "Arm",
     "Batch",
+    "BatchContacts",
     "Body",
     "BusyError",
     "Cartesian",

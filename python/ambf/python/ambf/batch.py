@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 import os
 from types import TracebackType
-from typing import Any, Dict, Optional, Sequence, Tuple, Type, Union
+from typing import Any, Dict, NamedTuple, Optional, Sequence, Tuple, Type, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,32 @@ Mask = Optional[ArrayLike]
 _STATES = ("poses", "twists", "joint_positions", "joint_velocities", "joint_efforts", "times", "lost")
 _COMMANDS = ("kinds", "wrenches", "target_poses", "target_twists", "joint_kinds", "joint_commands")
 _MOST_STEPS = 2**32 - 1
+
+
+class BatchContacts(NamedTuple):
+    """Contact points of all worlds, one a row, in the order of the worlds."""
+
+    worlds: NDArray[np.intp]
+    """(contacts) number of the world."""
+    bodies: NDArray[np.intp]
+    """(contacts x 2) places of the two bodies in the arrays; -1: a passive body, which has none."""
+    points: Array
+    """(contacts x 3) on the surface of the first body, m, world axes."""
+    normals: Array
+    """(contacts x 3) unit normals from the second body to the first, world axes."""
+    distances: Array
+    """(contacts) m; negative: they penetrate."""
+    forces: Array
+    """(contacts) normal force in the last sub-step, N, not negative."""
+    friction_forces: Array
+    """(contacts x 3) force of friction on the first body in the last sub-step, N, world axes."""
+    frictions: Array
+    """(contacts) coefficient of friction of the two bodies."""
+
+    def normal_forces(self, n: int, body: int) -> Array:
+        """(n) sum of the normal forces on a body by its place, N, of each of `n` worlds."""
+        touches = (self.bodies == body).any(axis=1)
+        return np.bincount(self.worlds[touches], weights=self.forces[touches], minlength=n)
 
 
 class Batch(Arrays):
@@ -205,6 +231,16 @@ class Batch(Arrays):
     def parameters(self) -> Dict[str, Array]:
         """Copies of the present parameters of all worlds, by the names of `Simulation.set_parameters`, n in front."""
         return split_parameters(*self._inside.parameters(), (self.n,))
+
+    def contacts(self) -> BatchContacts:
+        """All contact points of all worlds, as of the last sub-step; those whose distance is positive do not touch yet.
+
+        Raises ClosedError, BusyError.
+        """
+        places, numbers = self._inside.contacts()
+        whose, table = places.reshape(-1, 3).astype(np.intp), numbers.reshape(-1, 12)
+        parts = (table[:, :3], table[:, 3:6], table[:, 6], table[:, 7], table[:, 8:11], table[:, 11])
+        return BatchContacts(whose[:, 0], whose[:, 1:], *parts)
 
     def problems(self) -> Dict[int, str]:
         """Why worlds are lost, by their numbers."""
