@@ -318,6 +318,11 @@ fn the_gripper_of_a_device_switches_the_tool_that_it_leads() {
             assert!(begin.elapsed().as_secs() < 20, "an opening of {opening} does not switch it to {expected}");
         }
     };
+    // It is closed already when it is seen for the first time.
+    becomes(0.0, true);
+    for _ in 0..100 {
+        becomes(0.1, true);
+    }
     for on in [true, false] {
         becomes(1.0, on);
         becomes(0.1, !on);

@@ -17,6 +17,7 @@
 
 #include "approach.h"
 #include "contact_normals.h"
+#include "volume_shape.h"
 
 namespace {
 
@@ -160,8 +161,9 @@ class PartsPair final : public btCollisionAlgorithm {
 
 bool has_mesh(const btCollisionObject &object) {
   const AmbObject *const owner = object_of(&object);
-  if (owner->kind == ObjectKind::Ghost) return static_cast<const AmbGhost *>(owner)->shape->needs_gimpact;
-  return owner->kind == ObjectKind::Body && static_cast<const AmbBody *>(owner)->shape->needs_gimpact;
+  const auto is_mesh = [](const AmbShape &shape) { return shape.needs_gimpact || shape.has_volume; };
+  if (owner->kind == ObjectKind::Ghost) return is_mesh(*static_cast<const AmbGhost *>(owner)->shape);
+  return owner->kind == ObjectKind::Body && is_mesh(*static_cast<const AmbBody *>(owner)->shape);
 }
 
 class SpherePair final : public btSphereSphereCollisionAlgorithm {
@@ -353,9 +355,15 @@ void ContactAlgorithms::enable(btCollisionDispatcher &dispatcher, btCollisionCon
   }
 }
 
+void ContactAlgorithms::add_volumes(btCollisionDispatcher &dispatcher) {
+  meshes_.enable(dispatcher, VOLUME_SHAPE_TYPE);
+  dispatcher.registerCollisionCreateFunc(COMPOUND_SHAPE_PROXYTYPE, VOLUME_SHAPE_TYPE, &compound_first_);
+  dispatcher.registerCollisionCreateFunc(VOLUME_SHAPE_TYPE, COMPOUND_SHAPE_PROXYTYPE, &compound_second_);
+}
+
 void ContactAlgorithms::add_mesh(const AmbShape &shape, btCollisionDispatcher &dispatcher) {
   MeshContacts::prepare(shape);
-  meshes_.enable(dispatcher);
+  meshes_.enable(dispatcher, GIMPACT_SHAPE_PROXYTYPE);
   dispatcher.registerCollisionCreateFunc(COMPOUND_SHAPE_PROXYTYPE, GIMPACT_SHAPE_PROXYTYPE, &compound_first_);
   dispatcher.registerCollisionCreateFunc(GIMPACT_SHAPE_PROXYTYPE, COMPOUND_SHAPE_PROXYTYPE, &compound_second_);
 }

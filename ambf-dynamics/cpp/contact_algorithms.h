@@ -40,6 +40,8 @@ class ContactAlgorithms {
   void enable(btCollisionDispatcher &dispatcher, btCollisionConfiguration &configuration);
   // To be called with each shape that is or has a mesh, after Bullet has registered its algorithms for meshes.
   void add_mesh(const AmbShape &shape, btCollisionDispatcher &dispatcher);
+  // To be called when the first volume comes, also where `enable` is not.
+  void add_volumes(btCollisionDispatcher &dispatcher);
 
  private:
   struct Pairs final : btConvexConvexAlgorithm::CreateFunc {

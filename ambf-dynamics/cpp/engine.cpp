@@ -32,6 +32,8 @@ void EngineWorld::mesh_comes(const AmbShape &shape) {
   if (solver == AmbSolver_Accurate) contact_algorithms.add_mesh(shape, world.dispatcher);
 }
 
+void EngineWorld::volumes_come() { contact_algorithms.add_volumes(world.dispatcher); }
+
 void EngineWorld::before_motion(const btAlignedObjectArray<btRigidBody *> &bodies, btScalar dt) {
   if (solver == AmbSolver_Accurate) limit_turns(*this, dt);
   if (has_continuous) find_impacts(*this, bodies, dt);

@@ -33,6 +33,7 @@ class EngineWorld final : public Extension {
   std::unique_ptr<btConstraintSolver> make_solver(btMLCPSolverInterface *mlcp) override;
   void make_world(btConstraintSolver &made) override;
   void mesh_comes(const AmbShape &shape) override;
+  void volumes_come() override;
   void before_sub_step(btScalar h) override;
   void after_sub_step(btScalar h) override;
   void before_motion(const btAlignedObjectArray<btRigidBody *> &bodies, btScalar dt) override;

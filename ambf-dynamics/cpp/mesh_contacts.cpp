@@ -17,6 +17,7 @@
 
 #include "approach.h"
 #include "mesh_topology.h"
+#include "volume_shape.h"
 
 namespace {
 
@@ -26,10 +27,9 @@ constexpr int MOST_GROUPS = 4;
 // Finds the contacts of one shape with the triangles near it, in the frame of the mesh.
 class Narrow final : public btTriangleCallback {
  public:
-  Narrow(MeshContacts &memory, const MeshTopology &topology, const btConvexShape &shape, const btTransform &pose,
-         btScalar mesh_margin, btScalar threshold, const Approach &approach, const btMatrix3x3 &frame, btScalar correction)
+  Narrow(MeshContacts &memory, const btConvexShape &shape, const btTransform &pose, btScalar mesh_margin, btScalar threshold,
+         const Approach &approach, const btMatrix3x3 &frame, btScalar correction)
       : memory_(memory),
-        mesh_(topology),
         shape_(shape),
         pose_(pose),
         mesh_margin_(mesh_margin),
@@ -54,11 +54,14 @@ class Narrow final : public btTriangleCallback {
   // It may get more than half through the surface in the sub-step, and has its contacts before.
   bool is_thin() const { return is_thin_; }
 
+  // The triangles that come next are those of this mesh.
+  void begin(const MeshTopology &mesh) { mesh_ = &mesh; }
+
   void processTriangle(btVector3 *, int, int index) override {
-    const MeshTopology::Triangle &triangle = mesh_.triangles[index];
+    const MeshTopology::Triangle &triangle = mesh_->triangles[index];
     if (triangle.is_degenerate) return;
-    const btVector3 corners[3] = {mesh_.vertices[triangle.corners[0]], mesh_.vertices[triangle.corners[1]],
-                                  mesh_.vertices[triangle.corners[2]]};
+    const btVector3 corners[3] = {mesh_->vertices[triangle.corners[0]], mesh_->vertices[triangle.corners[1]],
+                                  mesh_->vertices[triangle.corners[2]]};
     btVector3 normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalized();
     const btScalar level = normal.dot(corners[0]);
     const btScalar below = lowest(normal) - level, above = -lowest(-normal) - level;
@@ -73,7 +76,7 @@ class Narrow final : public btTriangleCallback {
     if (!is_cut || is_inside(corners, triangle, normal)) add_inside(corners, normal);
     for (int k = 0; k < 3; ++k) {
       if (triangle.edges[k] < 0) continue;
-      const MeshTopology::Edge &edge = mesh_.edges[triangle.edges[k]];
+      const MeshTopology::Edge &edge = mesh_->edges[triangle.edges[k]];
       // Seen from this side the surface bends towards the body.
       if (!is_cut && rises(edge, normal)) continue;
       add_edge(edge);
@@ -100,9 +103,9 @@ class Narrow final : public btTriangleCallback {
   const btConvexShape &solid() const { return is_box_ ? sharp_box_ : shape_; }
 
   bool rises(const MeshTopology::Edge &edge, const btVector3 &normal) const {
-    const btVector3 &start = mesh_.vertices[edge.ends[0]];
+    const btVector3 &start = mesh_->vertices[edge.ends[0]];
     for (int i = edge.first_wing; i < edge.last_wing; ++i) {
-      const btVector3 to = mesh_.vertices[mesh_.wings[i]] - start;
+      const btVector3 to = mesh_->vertices[mesh_->wings[i]] - start;
       if (normal.dot(to) > btScalar(1e-3) * SMOOTH_BEND * to.length()) return true;
     }
     return false;
@@ -145,17 +148,17 @@ class Narrow final : public btTriangleCallback {
       if (heights[top] - heights[other] > btScalar(1e-3) * along.length()) continue;
       return !is_normal_of_side(corners[k], corners[(k + 1) % 3], triangle.corners[k], triangle.corners[(k + 1) % 3], way);
     }
-    return !mesh_.is_normal_of_vertex(triangle.corners[top], way);
+    return !mesh_->is_normal_of_vertex(triangle.corners[top], way);
   }
 
   // As MeshTopology::is_normal_of_edge, of any edge: smooth ones have no normals of their own. Third corners are those
   // vertices that both ends have as neighbours.
   bool is_normal_of_side(const btVector3 &start, const btVector3 &end, int first, int second, const btVector3 &way) const {
     const btVector3 along = (end - start).normalized();
-    const auto begin = [&](int vertex) { return mesh_.neighbours.begin() + mesh_.first_neighbour[vertex]; };
+    const auto begin = [&](int vertex) { return mesh_->neighbours.begin() + mesh_->first_neighbour[vertex]; };
     for (auto i = begin(first); i != begin(first + 1); ++i) {
       if (!std::binary_search(begin(second), begin(second + 1), *i)) continue;
-      const btVector3 to = mesh_.vertices[*i] - start, across = to - along * to.dot(along);
+      const btVector3 to = mesh_->vertices[*i] - start, across = to - along * to.dot(along);
       if (way.dot(across) > SMOOTH_BEND * across.length()) return false;
     }
     return true;
@@ -178,7 +181,7 @@ class Narrow final : public btTriangleCallback {
   }
 
   void add_edge(const MeshTopology::Edge &edge) {
-    const btVector3 &start = mesh_.vertices[edge.ends[0]], &end = mesh_.vertices[edge.ends[1]];
+    const btVector3 &start = mesh_->vertices[edge.ends[0]], &end = mesh_->vertices[edge.ends[1]];
     btVector3 low = start, high = start;
     low.setMin(end);
     high.setMax(end);
@@ -191,10 +194,10 @@ class Narrow final : public btTriangleCallback {
     const btVector3 along = (end - start).normalized();
     const btScalar slope = normal.dot(along);
     if (std::abs(slope) > btScalar(1e-3)) {
-      if (!mesh_.is_normal_of_vertex(edge.ends[slope > 0], normal)) return;
+      if (!mesh_->is_normal_of_vertex(edge.ends[slope > 0], normal)) return;
       return add(normal, found.m_pointInWorld, found.m_distance);
     }
-    if (!mesh_.is_normal_of_edge(edge, normal)) return;
+    if (!mesh_->is_normal_of_edge(edge, normal)) return;
     add(normal, found.m_pointInWorld, found.m_distance);
     // Where a face or edge of the body lies along the edge, both ends of what they have in common.
     memory_.feature.find(shape_, pose_, normal, reach_);
@@ -222,7 +225,7 @@ class Narrow final : public btTriangleCallback {
   }
 
   MeshContacts &memory_;
-  const MeshTopology &mesh_;
+  const MeshTopology *mesh_ = nullptr;
   const btConvexShape &shape_;
   // Of the body in the frame of the mesh.
   const btTransform pose_;
@@ -250,9 +253,8 @@ class ConvexOnMesh final : public btCollisionAlgorithm {
   void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
                         const btDispatcherInfo &info, btManifoldResult *result) override {
     const btCollisionObjectWrapper &body = is_mesh_first_ ? *second : *first, &ground = is_mesh_first_ ? *first : *second;
-    const auto &mesh = static_cast<const btGImpactMeshShape &>(*ground.getCollisionShape());
+    const auto &mesh = static_cast<const btConcaveShape &>(*ground.getCollisionShape());
     const auto &shape = static_cast<const btConvexShape &>(*body.getCollisionShape());
-    const MeshTopology &topology = *static_cast<const TopologyHolder *>(mesh.getUserPointer())->topology;
     const btScalar threshold = std::min(breaking_threshold(*first), breaking_threshold(*second));
     const btTransform &frame = ground.getWorldTransform();
     const btTransform pose = frame.inverseTimes(body.getWorldTransform());
@@ -260,12 +262,12 @@ class ConvexOnMesh final : public btCollisionAlgorithm {
     btScalar reach = threshold;
     bool is_thin = false;
     for (btScalar correction = 0;;) {
-      Narrow narrow(memory_, topology, shape, pose, mesh.getMargin(), threshold, approach, frame.getBasis(), correction);
+      Narrow narrow(memory_, shape, pose, mesh.getMargin(), threshold, approach, frame.getBasis(), correction);
       if (correction > 0 && !(narrow.reach() > reach)) break;
       reach = narrow.reach();
       is_thin = narrow.is_thin();
       memory_.found.clear();
-      mesh.processAllTriangles(&narrow, narrow.low(), narrow.high());
+      process(mesh, narrow);
       if (correction > 0) break;
       for (const SurfaceContact &contact : memory_.found)
         correction = std::max(correction, Approach::of_correction(-contact.distance));
@@ -311,6 +313,20 @@ class ConvexOnMesh final : public btCollisionAlgorithm {
   }
 
  private:
+  static void process(const btConcaveShape &mesh, Narrow &narrow) {
+    if (mesh.getShapeType() != VOLUME_SHAPE_TYPE) {
+      narrow.begin(*static_cast<const TopologyHolder *>(mesh.getUserPointer())->topology);
+      return mesh.processAllTriangles(&narrow, narrow.low(), narrow.high());
+    }
+    static_cast<const VolumeShape &>(mesh).for_bricks(narrow.low(), narrow.high(), [&](VolumeBrick &brick) {
+      if (!brick.topology) brick.topology = std::make_shared<const MeshTopology>(brick);
+      narrow.begin(*brick.topology);
+      for (int i = 0; i < brick.own; ++i) {
+        if (brick.overlaps(i, narrow.low(), narrow.high())) narrow.processTriangle(nullptr, 0, i);
+      }
+    });
+  }
+
   // As in btCollisionDispatcher::getNewManifold.
   static btScalar breaking_threshold(const btCollisionObjectWrapper &object) {
     return object.getCollisionObject()->getCollisionShape()->getContactBreakingThreshold(gContactBreakingThreshold);
@@ -336,12 +352,12 @@ btCollisionAlgorithm *MeshContacts::Pairs::CreateCollisionAlgorithm(btCollisionA
   return new (info.m_dispatcher1->allocateCollisionAlgorithm(sizeof(ConvexOnMesh))) ConvexOnMesh(info, *owner, m_swapped);
 }
 
-void MeshContacts::enable(btCollisionDispatcher &dispatcher) {
+void MeshContacts::enable(btCollisionDispatcher &dispatcher, int type_of_mesh) {
   mesh_first_.m_swapped = true;
   mesh_first_.owner = mesh_second_.owner = this;
   for (int type = 0; type < CONCAVE_SHAPES_START_HERE; ++type) {
-    dispatcher.registerCollisionCreateFunc(type, GIMPACT_SHAPE_PROXYTYPE, &mesh_second_);
-    dispatcher.registerCollisionCreateFunc(GIMPACT_SHAPE_PROXYTYPE, type, &mesh_first_);
+    dispatcher.registerCollisionCreateFunc(type, type_of_mesh, &mesh_second_);
+    dispatcher.registerCollisionCreateFunc(type_of_mesh, type, &mesh_first_);
   }
 }
 

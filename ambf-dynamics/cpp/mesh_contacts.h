@@ -1,4 +1,5 @@
-// Contacts of convex shapes with triangle meshes. C++ only.
+// Contacts of convex shapes with triangle meshes and with the surfaces of volumes, which are meshes that come brick by brick.
+// C++ only.
 //
 // Bullet finds the shallowest way out of each triangle near a body by itself. Where the body lies over the edge between two
 // triangles of a floor, the shallowest way out of one of them is often sideways, over the edge, although the surface goes on
@@ -33,8 +34,8 @@ class MeshContacts {
  public:
   explicit MeshContacts(btConvexPenetrationDepthSolver &solver) : depth_solver(solver) {}
 
-  // To be called after Bullet has registered its own algorithm for meshes.
-  void enable(btCollisionDispatcher &dispatcher);
+  // For meshes of a type of shape: those of GImpact, after Bullet has registered its own algorithm for them, or volumes.
+  void enable(btCollisionDispatcher &dispatcher, int type_of_mesh);
   // To be called before the mesh collides with anything.
   static void prepare(const struct AmbShape &shape);
 

@@ -5,6 +5,8 @@
 
 #include <BulletCollision/Gimpact/btGImpactShape.h>
 
+#include "volume_shape.h"
+
 namespace {
 
 // A triangle's edge, with the lower vertex first.
@@ -51,14 +53,23 @@ MeshTopology::MeshTopology(btGImpactMeshShape &shape) {
     unique[order[i]] = static_cast<int>(vertices.size()) - 1;
   }
 
+  for (Triangle &triangle : triangles) {
+    for (int &corner : triangle.corners) corner = unique[corner];
+  }
+  connect(m);
+}
+
+MeshTopology::MeshTopology(const VolumeBrick &brick) : vertices(brick.vertices), triangles(brick.triangles.size() / 3) {
+  for (size_t i = 0; i < brick.triangles.size(); ++i) triangles[i / 3].corners[i % 3] = brick.triangles[i];
+  connect(brick.own);
+}
+
+void MeshTopology::connect(int own) {
   std::vector<Side> sides;
   sides.reserve(3 * triangles.size());
-  for (int i = 0; i < m; ++i) {
+  for (int i = 0; i < static_cast<int>(triangles.size()); ++i) {
     Triangle &triangle = triangles[i];
-    for (int k = 0; k < 3; ++k) {
-      triangle.corners[k] = unique[triangle.corners[k]];
-      triangle.edges[k] = -1;
-    }
+    std::fill(triangle.edges, triangle.edges + 3, -1);
     const btVector3 &a = vertices[triangle.corners[0]], &b = vertices[triangle.corners[1]],
                     &c = vertices[triangle.corners[2]];
     const btScalar longest = std::max({a.distance2(b), b.distance2(c), c.distance2(a)});
@@ -77,6 +88,7 @@ MeshTopology::MeshTopology(btGImpactMeshShape &shape) {
     for (last = first; last < sides.size() && sides[last].is_same_edge(side);) ++last;
     joined.emplace_back(side.low, side.high);
     joined.emplace_back(side.high, side.low);
+    if (side.triangle >= own) continue;
     const auto opposite = [&](size_t i) { return triangles[sides[i].triangle].corners[(sides[i].corner + 2) % 3]; };
     const auto across = [&](size_t i) {
       return direction_from(vertices[side.low], vertices[side.high], vertices[opposite(i)]);

@@ -8,6 +8,7 @@
 #include <LinearMath/btVector3.h>
 
 class btGImpactMeshShape;
+struct VolumeBrick;
 
 // Never changes once it is made, and is on the heap, in no arena: worlds in several threads share it.
 struct MeshTopology {
@@ -28,6 +29,8 @@ struct MeshTopology {
   };
 
   explicit MeshTopology(btGImpactMeshShape &shape);
+  // Of the brick's own triangles. Neither the others nor edges and vertices that are theirs alone have contacts.
+  explicit MeshTopology(const VolumeBrick &brick);
 
   // Whether the surface lies below the plane that the normal, a unit vector, has at the edge or vertex, as far as the
   // triangles there show it: a contact with this normal is one with the edge or vertex, and else one with the inside of a
@@ -43,6 +46,10 @@ struct MeshTopology {
   std::vector<int> wings;
   // Vertices that an edge joins with vertex i: `neighbours` from first_neighbour[i] to before first_neighbour[i + 1].
   std::vector<int> neighbours, first_neighbour;
+
+ private:
+  // From vertices and the corners of triangles. Edges are those of the first `own` triangles.
+  void connect(int own);
 };
 
 // Smallest sine of the angle by which the surface bends at an edge that is not smooth, and the largest by which a normal may

@@ -261,6 +261,12 @@ impl VoxelGrid {
         Ok(grid)
     }
 
+    /// The same box, without anything in it.
+    pub fn emptied(&self) -> Self {
+        let empty = Arc::new(Chunk::empty());
+        Self { chunks: vec![empty; self.chunks.len()], ..self.clone() }
+    }
+
     /// Voxels along x, y and z.
     pub fn size(&self) -> [usize; 3] {
         self.size
@@ -510,6 +516,12 @@ impl VoxelGrid {
     /// First voxels of the bricks in which two grids of one size differ, or may. Bricks that both share are equal.
     pub fn changed_bricks(&self, before: &Self) -> Vec<[usize; 3]> {
         let mut changed = Vec::new();
+        self.for_changed_bricks(before, |first| changed.push(first));
+        changed
+    }
+
+    /// The same, without memory for a list.
+    pub fn for_changed_bricks(&self, before: &Self, mut visit: impl FnMut([usize; 3])) {
         for ((now, corner), was) in self.chunks().zip(&before.chunks) {
             if Arc::ptr_eq(now, was) {
                 continue;
@@ -521,11 +533,10 @@ impl VoxelGrid {
                 };
                 let first = index_of(corner, b).map(|place| place * EDGE);
                 if !same && self.is_inside(first) {
-                    changed.push(first);
+                    visit(first);
                 }
             }
         }
-        changed
     }
 
     /// Whether some voxels have colours that are not those of their labels.

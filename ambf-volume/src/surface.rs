@@ -32,6 +32,39 @@ impl Mesh {
     }
 }
 
+/// Voxels of a [`Patch`] beyond its brick, each way.
+const BEYOND: usize = 2;
+/// Voxels along an edge of what a [`Patch`] depends on.
+const SPAN: usize = EDGE + 2 * BEYOND;
+
+/// The surface at one brick, for contact: triangles of the brick, then those around them. Room is kept from one brick to
+/// the next.
+#[derive(Clone, Debug)]
+pub struct Patch {
+    /// (vertices x 3) m, in the volume's frame.
+    pub vertices: Vec<[f64; 3]>,
+    /// (triangles x 3) vertices, anticlockwise from outside.
+    pub triangles: Vec<[u32; 3]>,
+    /// The first so many triangles are those of the brick. All that share a vertex with them are there.
+    pub own: usize,
+    /// Densities of the brick's voxels and of those up to [`BEYOND`] from it, x fastest.
+    densities: Box<[u8; SPAN * SPAN * SPAN]>,
+    /// Vertex of each cube, plus 1; 0: none yet.
+    known: Box<[u32; SPAN * SPAN * SPAN]>,
+}
+
+impl Default for Patch {
+    fn default() -> Self {
+        let (densities, known) = (Box::new([0; SPAN * SPAN * SPAN]), Box::new([0; SPAN * SPAN * SPAN]));
+        Self { vertices: Vec::new(), triangles: Vec::new(), own: 0, densities, known }
+    }
+}
+
+/// Place of a voxel in what a [`Patch`] depends on.
+fn in_span([x, y, z]: [usize; 3]) -> usize {
+    x + SPAN * (y + SPAN * z)
+}
+
 /// A solid voxel and a neighbour that is not: the cubes around the edge between their centres, in the order in which the
 /// quadrilateral is seen anticlockwise from the neighbour. A cube is named by the sum of its lowest voxel and (1, 1, 1).
 fn cubes_around(voxel: [usize; 3], axis: usize, up: bool) -> [[usize; 3]; 4] {
@@ -86,7 +119,11 @@ impl VoxelGrid {
                     }
                     let quad = cubes_around(voxel, axis, up).map(|cube| {
                         *known.entry(cube).or_insert_with(|| {
-                            mesh.vertices.push(self.vertex(cube));
+                            let low = cube.map(|i| i as i64 - 1);
+                            let density = |corner: [usize; 3]| {
+                                self.density(std::array::from_fn(|axis| low[axis] + corner[axis] as i64))
+                            };
+                            mesh.vertices.push(self.vertex(low, density));
                             mesh.vertices.len() as u32 - 1
                         })
                     });
@@ -96,13 +133,87 @@ impl VoxelGrid {
         }
     }
 
-    /// Mean of the places where the surface crosses the edges of a cube.
-    fn vertex(&self, cube: [usize; 3]) -> Point3<f64> {
+    /// The first brick with a surface from brick `from` on, in the order x, y, z, of those from `low` to `high`, both
+    /// included and within the grid.
+    pub fn next_surface_brick(&self, low: [usize; 3], high: [usize; 3], from: [usize; 3]) -> Option<[usize; 3]> {
+        let [mut x, mut y, mut z] = from;
+        while z <= high[2] {
+            while y <= high[1] {
+                while x <= high[0] {
+                    let (chunk, place) = self.place([x, y, z]);
+                    let surface = &self.chunks[chunk].surface;
+                    if bits::has(surface, place) {
+                        return Some([x, y, z]);
+                    }
+                    // Chunks are skipped as a whole.
+                    x = if *surface == bits::NONE { (x / EDGE + 1) * EDGE } else { x + 1 };
+                }
+                (x, y) = (low[0], y + 1);
+            }
+            (y, z) = (low[1], z + 1);
+        }
+        None
+    }
+
+    /// The surface at a brick, by its place among bricks, in place of what was in `patch`. It depends on the voxels of the
+    /// 27 bricks around this one.
+    pub fn patch(&self, brick: [usize; 3], patch: &mut Patch) {
+        patch.vertices.clear();
+        patch.triangles.clear();
+        patch.own = 0;
+        patch.known.fill(0);
+        let first = brick.map(|b| (b * EDGE) as i64 - BEYOND as i64);
+        let span = || (0..SPAN).flat_map(|z| (0..SPAN).flat_map(move |y| (0..SPAN).map(move |x| [x, y, z])));
+        for at in span() {
+            let index = std::array::from_fn(|axis| first[axis] + at[axis] as i64);
+            patch.densities[in_span(at)] = self.density(index);
+        }
+        let is_own = |at: [usize; 3]| at.iter().all(|i| (BEYOND..BEYOND + EDGE).contains(i));
+        let is_near = |at: [usize; 3]| at.iter().all(|i| (1..SPAN - 1).contains(i));
+        span().filter(|&at| is_own(at)).for_each(|at| self.add_faces(at, first, patch));
+        patch.own = patch.triangles.len();
+        if patch.own > 0 {
+            span().filter(|&at| is_near(at) && !is_own(at)).for_each(|at| self.add_faces(at, first, patch));
+        }
+    }
+
+    /// Adds the triangles between a voxel of a patch, if it is solid, and its neighbours; `first`: the voxel that is the
+    /// patch's (0, 0, 0).
+    fn add_faces(&self, at: [usize; 3], first: [i64; 3], patch: &mut Patch) {
+        if patch.densities[in_span(at)] < self.threshold() {
+            return;
+        }
+        for axis in 0..3 {
+            for up in [false, true] {
+                let mut beside = at;
+                beside[axis] = if up { at[axis] + 1 } else { at[axis] - 1 };
+                if patch.densities[in_span(beside)] >= self.threshold() {
+                    continue;
+                }
+                let quad = cubes_around(at, axis, up).map(|cube| {
+                    if patch.known[in_span(cube)] == 0 {
+                        let low = cube.map(|i| i - 1);
+                        let density = |corner: [usize; 3]| {
+                            patch.densities[in_span(std::array::from_fn(|axis| low[axis] + corner[axis]))]
+                        };
+                        let vertex = self.vertex(std::array::from_fn(|axis| first[axis] + low[axis] as i64), density);
+                        patch.vertices.push(vertex.coords.into());
+                        patch.known[in_span(cube)] = patch.vertices.len() as u32;
+                    }
+                    patch.known[in_span(cube)] - 1
+                });
+                patch.triangles.extend([[quad[0], quad[1], quad[2]], [quad[0], quad[2], quad[3]]]);
+            }
+        }
+    }
+
+    /// Mean of the places where the surface crosses the edges of a cube, by its lowest voxel and the densities of its
+    /// corners.
+    fn vertex(&self, low: [i64; 3], density: impl Fn([usize; 3]) -> u8) -> Point3<f64> {
         let iso = self.iso_density();
-        let low = cube.map(|i| i as i64 - 1);
         let mut densities = [0.0; 8];
-        for (corner, density) in densities.iter_mut().enumerate() {
-            *density = f64::from(self.density(std::array::from_fn(|axis| low[axis] + (corner >> axis & 1) as i64)));
+        for (corner, at) in densities.iter_mut().enumerate() {
+            *at = f64::from(density(std::array::from_fn(|axis| corner >> axis & 1)));
         }
         let (mut sum, mut crossings) = ([0.0; 3], 0.0);
         for corner in 0..8 {

@@ -2,6 +2,7 @@
 
 use ambf_volume::proxy::{Law, Proxy, Surface};
 use ambf_volume::query::Near;
+use ambf_volume::surface::Patch;
 use ambf_volume::{Carver, Label, Rule, Shape, Stroke, Voxel, VoxelGrid};
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -459,6 +460,44 @@ fn the_surface_of_a_ball_is_closed_and_has_its_volume() {
     let mesh = rough.mesh();
     is_closed(&mesh.triangles);
     assert!(mesh.volume() > 0.0);
+}
+
+#[test]
+fn patches_are_the_surface_brick_by_brick_with_what_touches_it() {
+    let mut random = Random(11);
+    for grid in [ball(0.0), ball(1e-3), random_grid(&mut random, 0.5), random_grid(&mut random, 0.05)] {
+        let mesh = grid.mesh();
+        let key = |points: [[f64; 3]; 3]| points.map(|point| point.map(f64::to_bits));
+        let whole: std::collections::HashMap<_, usize> = mesh.triangles.iter().fold(Default::default(), |mut all, t| {
+            *all.entry(key(t.map(|v| mesh.vertices[v as usize].coords.into()))).or_insert(0) += 1;
+            all
+        });
+        let around = |patch: &Patch, triangles: &[[u32; 3]], v: u32| {
+            triangles.iter().filter(|t| t.iter().any(|&w| patch.vertices[w as usize] == patch.vertices[v as usize])).count()
+        };
+        let of_mesh = mesh.triangles.iter().flatten().fold(std::collections::HashMap::new(), |mut all, &v| {
+            let at: [f64; 3] = mesh.vertices[v as usize].coords.into();
+            *all.entry(at.map(f64::to_bits)).or_insert(0) += 1;
+            all
+        });
+        let high = grid.size().map(|edge| edge.div_ceil(8) - 1);
+        let (mut from, mut patch, mut own) = ([0; 3], Patch::default(), std::collections::HashMap::new());
+        let mut checked = 0;
+        while let Some(brick) = grid.next_surface_brick([0; 3], high, from) {
+            grid.patch(brick, &mut patch);
+            assert_eq!(patch.own, grid.brick_mesh(brick).triangles.len());
+            for t in &patch.triangles[..patch.own] {
+                *own.entry(key(t.map(|v| patch.vertices[v as usize]))).or_insert(0_usize) += 1;
+            }
+            for &v in patch.triangles[..patch.own].iter().flatten().step_by(17) {
+                let at = patch.vertices[v as usize].map(f64::to_bits);
+                assert_eq!(around(&patch, &patch.triangles, v), of_mesh[&at], "{brick:?}");
+                checked += 1;
+            }
+            from = [brick[0] + 1, brick[1], brick[2]];
+        }
+        assert!(own == whole && checked > 50, "{} {} {checked}", own.len(), whole.len());
+    }
 }
 
 fn is_closed(triangles: &[[u32; 3]]) {

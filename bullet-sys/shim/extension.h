@@ -57,6 +57,8 @@ class Extension {
   // An object whose shape is, or has as a part, a mesh that is not convex comes into the world. Bullet has registered its
   // algorithms for such shapes.
   virtual void mesh_comes(const AmbShape &shape) = 0;
+  // The first object comes into the world whose shape is, or has as a part, a volume (volume_shape.h).
+  virtual void volumes_come() = 0;
 
   // Around a sub-step of h s; Bullet's tick callbacks come between.
   virtual void before_sub_step(btScalar h) = 0;

@@ -37,6 +37,8 @@ struct AmbShape {
   // Of a mesh that is not convex.
   std::shared_ptr<TopologyHolder> topology;
   bool needs_gimpact = false;
+  // It is a volume or has one as a part.
+  bool has_volume = false;
   // A hull of a decomposition; in a compound its user index is its place among the children.
   bool is_part = false;
 };
@@ -336,8 +338,10 @@ struct AmbWorld {
 
   AmbWorld(int solver_kind, int kind, int manifolds, const AmbArena *memory, const AmbEngine *engine);
 
-  // Assigns the index and handle of a new object, and registers the GImpact algorithm if its shape needs it.
+  // Assigns the index and handle of a new object, and registers the algorithms that its shape needs.
   void adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle);
+  // Registers the algorithms that a shape needs.
+  void prepare_for(const AmbShape &shape);
   // Disables collisions between the two from now on and removes their contacts.
   void ignore_pair(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btCollisionObject &object_b);
 
@@ -376,6 +380,7 @@ struct AmbWorld {
   // The same for bodies that only contacts can carry.
   btScalar resting_thresholds[2] = {0, 0};
   bool has_gimpact = false;
+  bool has_volume = false;
   // Rays are cast in this world: soft bodies maintain a bounding-volume tree of their faces.
   bool has_rays = false;
   int next_index = 1;

@@ -154,6 +154,7 @@ void amb_shape_compound_add(AmbShape *compound, AmbShape *child, const double po
   if (child->is_part) child->shape->setUserIndex(static_cast<int>(compound->children.size()));
   static_cast<btCompoundShape &>(*compound->shape).addChildShape(transform_of(pose), child->shape.get());
   compound->needs_gimpact |= child->needs_gimpact;
+  compound->has_volume |= child->has_volume;
   compound->children.emplace_back(child);
 }
 

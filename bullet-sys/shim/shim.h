@@ -11,5 +11,6 @@
 #include "soft_body.h"
 #include "types.h"
 #include "vehicle.h"
+#include "volume.h"
 #include "world.h"
 #endif

@@ -73,13 +73,20 @@ AmbWorld::AmbWorld(int solver_kind, int kind, int manifolds, const AmbArena *mem
 }
 
 void AmbWorld::adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle) {
-  if (shape && shape->needs_gimpact && !has_gimpact) {
+  if (shape) prepare_for(*shape);
+  object.index = next_index++;
+  object.handle = handle;
+}
+
+void AmbWorld::prepare_for(const AmbShape &shape) {
+  if (shape.needs_gimpact && !has_gimpact) {
     btGImpactCollisionAlgorithm::registerAlgorithm(&dispatcher);
     has_gimpact = true;
   }
-  if (shape && shape->needs_gimpact && extension) extension->mesh_comes(*shape);
-  object.index = next_index++;
-  object.handle = handle;
+  if (shape.needs_gimpact && extension) extension->mesh_comes(shape);
+  if (!shape.has_volume || has_volume) return;
+  has_volume = true;
+  if (extension) extension->volumes_come();
 }
 
 void AmbWorld::ignore_pair(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btCollisionObject &object_b) {

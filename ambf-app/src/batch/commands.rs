@@ -4,11 +4,12 @@ use std::cmp::Reverse;
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
-use ambf_core::comm::{JointCommandType, VehicleCommand};
-use ambf_core::ids::{BodyId, Table, VehicleId};
+use ambf_core::comm::{CarveCommand, JointCommandType, VehicleCommand};
+use ambf_core::ids::{BodyId, Table, VehicleId, VolumeId};
 use ambf_core::scene::{Identity, Scene};
 use ambf_core::sim::{Nearness, Simulation};
-use nalgebra::Vector3;
+use ambf_core::volume::{Rule, Shape};
+use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
 /// Objects that a message names when a name is that of several.
@@ -30,6 +31,8 @@ enum Action {
     Body(BodyId, BodyAction),
     /// To a vehicle: brake, power and steering of all wheels.
     Drive(VehicleId, VehicleCommand),
+    /// To a volume.
+    Volume(VolumeId, VolumeAction),
 }
 
 /// What a command goes to.
@@ -39,6 +42,8 @@ pub enum Addressee {
     Body(BodyId),
     /// A vehicle.
     Vehicle(VehicleId),
+    /// A volume.
+    Volume(VolumeId),
 }
 
 impl Action {
@@ -46,6 +51,7 @@ impl Action {
         match self {
             Self::Body(body, _) => Addressee::Body(*body),
             Self::Drive(vehicle, _) => Addressee::Vehicle(*vehicle),
+            Self::Volume(volume, _) => Addressee::Volume(*volume),
         }
     }
 }
@@ -60,6 +66,15 @@ enum BodyAction {
     Twist(Vector3<f64>, Vector3<f64>),
     /// Pose of the body frame: position (m) and quaternion x, y, z, w.
     Pose(Vector3<f64>, [f64; 4]),
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum VolumeAction {
+    /// A ball of a radius goes in a straight line, at one speed, over all steps of the range, and cuts all that it covers or,
+    /// with a rate, m³/s, as much as that allows. m, world axes.
+    Cut { from: Vector3<f64>, to: Vector3<f64>, radius: f64, rate: Option<f64> },
+    /// Switches a tool, and gives it a tip of a radius, m.
+    Tool { tool: usize, on: bool, radius: Option<f64> },
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -80,6 +95,8 @@ pub struct Targets<'n> {
     active_joints: Table<BodyId, usize>,
     /// Name, qualified names and number of wheels of each vehicle.
     vehicles: Vec<(String, Qualified, usize)>,
+    /// Name, qualified names and number of tools of each volume, and whether it may be cut.
+    volumes: Vec<(String, Qualified, usize, bool)>,
 }
 
 /// The full names of an object.
@@ -107,6 +124,14 @@ impl<'n> Targets<'n> {
             active_joints: scene.bodies.ids().map(|body| scene.active_joints(body).len()).collect(),
             vehicles: (scene.vehicles.iter())
                 .map(|v| (v.identity.communication_name(), Qualified::of(&v.identity), v.wheels.len()))
+                .collect(),
+            volumes: (scene.volumes.entries())
+                .map(|(id, volume)| {
+                    let identity = &volume.attached.identity;
+                    let tools = (0..).take_while(|tool| scene.tool(id, *tool).is_some()).count();
+                    let is_carvable = volume.description.carvable && volume.voxels().is_some();
+                    (identity.communication_name(), Qualified::of(identity), tools, is_carvable)
+                })
                 .collect(),
         }
     }
@@ -189,12 +214,51 @@ impl Commands {
         Some((format!("{}:{}", self.file, latest.line), latest.action.addressee()))
     }
 
-    /// Applies the commands whose range contains `step`; they act in the step after.
-    pub fn apply(&self, simulation: &mut Simulation, step: u64) {
+    /// Applies the commands whose range contains `step`, of `dt` s; they act in the step after.
+    ///
+    /// # Errors
+    /// [`CommandError`] for the first one that a volume refuses.
+    pub fn apply(&self, simulation: &mut Simulation, step: u64, dt: f64) -> Result<(), CommandError> {
         for command in self.list.iter().filter(|command| command.steps.contains(&step)) {
             match &command.action {
                 Action::Body(body, action) => action.apply(simulation, *body),
                 Action::Drive(vehicle, drive) => simulation.command_vehicle(*vehicle, drive),
+                Action::Volume(volume, action) => {
+                    let (first, last) = (*command.steps.start(), *command.steps.end());
+                    let share = |step: u64| step as f64 / ((last - first) as f64 + 1.0);
+                    let (begin, end) = (share(step - first), share(step - first + 1));
+                    action.apply(simulation, *volume, begin, end, dt).map_err(|message| CommandError {
+                        file: self.file.clone(),
+                        line: command.line,
+                        message: format!("step {step}: {message}"),
+                    })?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl VolumeAction {
+    /// Acts between two shares of the range.
+    fn apply(
+        &self,
+        simulation: &mut Simulation,
+        volume: VolumeId,
+        begin: f64,
+        end: f64,
+        dt: f64,
+    ) -> Result<(), String> {
+        match *self {
+            Self::Cut { from, to, radius, rate } => {
+                let at = |share: f64| Isometry3::from(from + (to - from) * share);
+                let rule = rate.map_or(Rule::All, |rate| Rule::Rate { rate, interval: dt });
+                let (shape, from, to) = (Shape::Sphere { radius }, at(begin), at(end));
+                let command = CarveCommand { shape, from, to, in_world: true, rule };
+                simulation.carve(volume, &command).map(drop).map_err(|error| error.to_string())
+            }
+            Self::Tool { tool, on, radius } => {
+                simulation.set_tool(volume, tool, Some(on), radius).map_err(|error| error.to_string())
             }
         }
     }
@@ -251,6 +315,18 @@ fn parse_line(line: &str, number: usize, targets: &Targets<'_>) -> Result<TimedC
         let action = Action::Drive(VehicleId::new(target), drive(&numbers, vehicles[target].2)?);
         return Ok(TimedCommand { line: number, steps, action });
     }
+    if matches!(kind, "CUT" | "TOOL") {
+        let volumes = &targets.volumes;
+        let names = volumes.iter().map(|(name, ..)| name.as_str());
+        let target = find("volume", body, names, volumes.iter().map(|(_, qualified, ..)| qualified))?;
+        let (_, _, tools, is_carvable) = volumes[target];
+        let action = match kind {
+            "CUT" if !is_carvable => return Err("the volume is empty or not to be cut".into()),
+            "CUT" => cut(&numbers)?,
+            _ => tool(&numbers, tools)?,
+        };
+        return Ok(TimedCommand { line: number, steps, action: Action::Volume(VolumeId::new(target), action) });
+    }
     let target = find("body", body, targets.bodies.iter().map(String::as_str), targets.qualified.iter())?;
     let vector = |i: usize| Vector3::new(numbers[i], numbers[i + 1], numbers[i + 2]);
     let action = match (kind, numbers.as_slice()) {
@@ -263,7 +339,7 @@ fn parse_line(line: &str, number: usize, targets: &Targets<'_>) -> Result<TimedC
         ("JS", _) => return Err("JS takes 5 numbers: index, type, offset, amplitude, frequency".into()),
         ("WR" | "TW", _) => return Err(format!("{kind} takes 6 numbers")),
         ("POSE", _) => return Err("POSE takes 7 numbers: position, then quaternion x y z w".into()),
-        _ => return Err(format!("expected J, JS, WR, TW, POSE or VEH, found `{kind}`")),
+        _ => return Err(format!("expected J, JS, WR, TW, POSE, VEH, CUT or TOOL, found `{kind}`")),
     };
     Ok(TimedCommand { line: number, steps, action: Action::Body(BodyId::new(target), action) })
 }
@@ -281,6 +357,38 @@ fn drive(numbers: &[f64], wheels: usize) -> Result<VehicleCommand, String> {
         full_brake: numbers[0] > 0.0,
         ..VehicleCommand::default()
     })
+}
+
+/// Way, radius and, maybe, a rate.
+fn cut(numbers: &[f64]) -> Result<VolumeAction, String> {
+    let &[a, b, c, x, y, z, radius, ref rate @ ..] = numbers else {
+        return Err("CUT takes 7 or 8 numbers: from, to, radius, rate (m³/s)".into());
+    };
+    let rate = match *rate {
+        [] => None,
+        [rate] => Some(rate),
+        _ => return Err("CUT takes 7 or 8 numbers: from, to, radius, rate (m³/s)".into()),
+    };
+    if radius <= 0.0 || rate.is_some_and(|rate| rate < 0.0) {
+        return Err("expected a radius above 0 and a rate of at least 0".into());
+    }
+    Ok(VolumeAction::Cut { from: Vector3::new(a, b, c), to: Vector3::new(x, y, z), radius, rate })
+}
+
+/// Number of the tool, 0 or 1 and, maybe, the radius of its tip.
+fn tool(numbers: &[f64], tools: usize) -> Result<VolumeAction, String> {
+    let (number, on, radius) = match *numbers {
+        [number, on] => (number, on, None),
+        [number, on, radius] => (number, on, Some(radius)),
+        _ => return Err("TOOL takes 2 or 3 numbers: index, 0 (off) or 1 (on), radius".into()),
+    };
+    if number < 0.0 || number.fract() != 0.0 || number >= tools as f64 {
+        return Err(format!("there is no tool {number}: the volume has {tools}, counted from 0"));
+    }
+    if (on != 0.0 && on != 1.0) || radius.is_some_and(|radius| radius <= 0.0) {
+        return Err("expected 0 (off) or 1 (on), and a radius above 0".into());
+    }
+    Ok(VolumeAction::Tool { tool: number as usize, on: on == 1.0, radius })
 }
 
 fn joint(index: f64, kind: f64, offset: f64, amplitude: f64, frequency: f64) -> Result<BodyAction, String> {
@@ -313,26 +421,37 @@ mod tests {
             topic: format!("/ambf/env/psm/{name}"),
         };
         let vehicles = vec![("Car".into(), full("Car", "VEHICLE"), 2)];
+        let volumes = vec![
+            ("Bone".into(), full("Bone", "VOLUME"), 1, true),
+            ("Skin".into(), full("Skin", "VOLUME"), 0, false),
+        ];
         let qualified = bodies.iter().map(|name: &String| full(name, "BODY")).collect();
         Commands::parse(
             text,
             "c.txt",
-            &Targets { bodies: &bodies, qualified, active_joints: vec![7, 0].into(), vehicles },
+            &Targets { bodies: &bodies, qualified, active_joints: vec![7, 0].into(), vehicles, volumes },
         )
     }
 
     #[test]
     fn every_kind_is_read() {
         let text = "# comment\n1|30|J|Base|0 2 2.5 # after\n0|5|JS|Base|6 1 0.0 0.5 0.5\n\n1|1|WR|Base|1 2 3 4 5 6\n\
-                    1|1|TW|Base|1 2 3 4 5 6\n1|1|POSE|Base|0 0 1 0 0 0 1\n1|9|VEH|Car|0 10 20 0.1 0.2\n";
+                    1|1|TW|Base|1 2 3 4 5 6\n1|1|POSE|Base|0 0 1 0 0 0 1\n1|9|VEH|Car|0 10 20 0.1 0.2\n\
+                    1|9|CUT|Bone|0 0 1 0 0 2 0.003\n1|9|CUT|Bone|0 0 1 0 0 2 0.003 3e-8\n4|4|TOOL|Bone|0 1\n4|4|TOOL|Bone|0 0 0.002\n";
         let commands = parse(text).unwrap();
-        assert_eq!(commands.list.len(), 6);
+        assert_eq!(commands.list.len(), 10);
         assert_eq!(commands.list[0].steps, 1..=30);
         let kind = JointCommandType::Velocity;
         let expected = BodyAction::Joint { index: 0, kind, offset: 2.5, amplitude: 0.0, frequency: 0.0 };
         assert_eq!(commands.list[0].action, Action::Body(BodyId::new(0), expected));
         let drive = VehicleCommand { power: vec![10.0, 20.0], steering: vec![0.1, 0.2], ..VehicleCommand::default() };
         assert_eq!(commands.list[5].action, Action::Drive(VehicleId::new(0), drive));
+        let (from, to) = (Vector3::z(), 2.0 * Vector3::z());
+        let of_bone = |action| Action::Volume(VolumeId::new(0), action);
+        let cut = |rate| of_bone(VolumeAction::Cut { from, to, radius: 0.003, rate });
+        assert_eq!((&commands.list[6].action, &commands.list[7].action), (&cut(None), &cut(Some(3e-8))));
+        let tool = |on, radius| of_bone(VolumeAction::Tool { tool: 0, on, radius });
+        assert_eq!((&commands.list[8].action, &commands.list[9].action), (&tool(true, None), &tool(false, Some(0.002))));
     }
 
     #[test]
@@ -340,7 +459,7 @@ mod tests {
         let target = |name: &str| {
             parse(&format!("1|1|TW|{name}|0 0 0 0 0 0")).map(|commands| match commands.list[0].action {
                 Action::Body(body, _) => body.index(),
-                Action::Drive(..) => panic!("TW is for bodies"),
+                Action::Drive(..) | Action::Volume(..) => panic!("TW is for bodies"),
             })
         };
         for (name, index) in
@@ -397,6 +516,14 @@ mod tests {
             ("1|2|FLY|Base|1", "FLY"),
             ("1|2|VEH|Base|1 0 0 0 0", "no vehicle"),
             ("1|2|VEH|Car|1 0", "5 numbers"),
+            ("1|2|CUT|Base|0 0 0 0 0 0 1", "no volume"),
+            ("1|2|CUT|Skin|0 0 0 0 0 0 1", "not to be cut"),
+            ("1|2|CUT|Bone|0 0 0 0 0 0", "7 or 8"),
+            ("1|2|CUT|Bone|0 0 0 0 0 0 0", "above 0"),
+            ("1|2|CUT|Bone|0 0 0 0 0 0 1 -1", "at least 0"),
+            ("1|2|TOOL|Bone|1 1", "no tool 1"),
+            ("1|2|TOOL|Bone|0 2", "0 (off)"),
+            ("1|2|TOOL|Bone|0", "2 or 3"),
             ("1|2", "fields"),
         ] {
             let error = parse(&format!("\n{text}")).unwrap_err().to_string();

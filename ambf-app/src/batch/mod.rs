@@ -390,7 +390,7 @@ impl Run<'_> {
     /// Makes steps with the user's commands, after those that were replayed, if any; how many there are in all.
     fn step(&mut self, replayed: Option<u64>) -> Result<u64, BatchError> {
         let before = replayed.unwrap_or(0);
-        self.commands.apply(self.simulation, 0);
+        self.commands.apply(self.simulation, 0, self.plan.dt)?;
         for step in 0..=self.plan.own {
             if step > 0 {
                 let begin = Instant::now();
@@ -403,7 +403,7 @@ impl Run<'_> {
             }
             if step > 0 {
                 let begin = Instant::now();
-                self.commands.apply(self.simulation, step);
+                self.commands.apply(self.simulation, step, self.plan.dt)?;
                 self.cost.wall += begin.elapsed();
             }
             if self.simulation.has_plugins() {
@@ -496,6 +496,7 @@ fn name_command(mut error: LostState, commands: &Commands, simulation: &Simulati
         let identity = match to {
             Addressee::Body(body) => &scene.bodies[body].identity,
             Addressee::Vehicle(vehicle) => &scene.vehicles[vehicle].identity,
+            Addressee::Volume(volume) => &scene.volumes[volume].attached.identity,
         };
         error.command = format!("{place} to `{}`", identity.key());
     }

@@ -48,7 +48,7 @@ pub struct RigidBody {
 pub(super) struct OwnedBody {
     raw: NonNull<sys::AmbBody>,
     /// Owned because the body refers to it; freed after the body.
-    _shape: Shape,
+    shape: Shape,
     /// Index in the world's lists of bodies.
     index: usize,
     /// Number of constraints and vehicles that refer to the body.
@@ -83,6 +83,13 @@ pub struct Apart<'a> {
     pub groups: &'a [u32],
     /// The number of a model, above 0, and which of its bodies this one collides with. Default: none, with all.
     pub filter: Option<(u32, &'a CollisionFilter)>,
+}
+
+impl OwnedBody {
+    /// The shape, which the body refers to.
+    pub(super) fn shape(&self) -> *mut sys::AmbShape {
+        self.shape.raw()
+    }
 }
 
 impl World {
@@ -142,7 +149,7 @@ impl World {
         }
         let handle = self.bodies.insert(OwnedBody {
             raw,
-            _shape: body.shape,
+            shape: body.shape,
             index,
             constraint_count: 0,
             dynamic: body.mass != 0.0,
@@ -174,6 +181,7 @@ impl World {
         let Some(body) = self.bodies.remove(handle) else { return false };
         self.structure += 1;
         self.body_list[body.index] = std::ptr::null_mut();
+        self.volumes.retain(|_, part| part.body != handle);
         // SAFETY: the body is in this world, no constraint or vehicle refers to it, removing it drops anchors, and no
         // pointer to it is left after this.
         unsafe {

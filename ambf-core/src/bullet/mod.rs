@@ -5,7 +5,7 @@
 //! A [`World`] owns its bodies, soft bodies, ghosts, their shapes, the constraints between bodies and vehicles on them.
 //! Callers refer to them by handles; a stale handle, of an object that was removed, gives `None` or `false`, never
 //! undefined behaviour. Vehicles and constraints are freed before bodies, bodies before shapes. No panic can
-//! cross into C++: nothing here is called by it, and the solver's entry points, which are, catch panics.
+//! cross into C++: of what it calls, the solver's entry points catch panics, and the sources of volumes end the process.
 
 mod accurate;
 mod arena;
@@ -29,6 +29,7 @@ mod solver;
 mod statistics;
 mod step;
 mod vehicle;
+mod volume;
 mod world;
 
 pub use accurate::AccurateSettings;
@@ -49,7 +50,8 @@ pub use statistics::SolverStatistics;
 pub use step::{ExpectedTurn, SubStep};
 pub use vehicle::Wheel;
 pub use world::{
-    ArticulationHandle, BodyHandle, ConstraintHandle, GhostHandle, SoftBodyHandle, VehicleHandle, World, WorldKind,
+    ArticulationHandle, BodyHandle, ConstraintHandle, GhostHandle, SoftBodyHandle, VehicleHandle, VolumePartHandle, World,
+    WorldKind,
 };
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};

@@ -101,6 +101,7 @@ impl World {
             ghosts: _,
             vehicles: _,
             soft_bodies: _,
+            volumes: _,
             body_list: _,
             body_order: _,
             structure,

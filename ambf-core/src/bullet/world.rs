@@ -13,6 +13,7 @@ use super::coupling::OwnedCoupling;
 use super::ghost::OwnedGhost;
 use super::soft_world::OwnedSoftBody;
 use super::vehicle::OwnedVehicle;
+use super::volume::VolumePart;
 use super::{Integrator, Solver};
 
 new_key_type! {
@@ -28,6 +29,8 @@ new_key_type! {
     pub struct SoftBodyHandle;
     /// Names an articulation of a [`World`].
     pub struct ArticulationHandle;
+    /// Names a volume that is part of a body of a [`World`].
+    pub struct VolumePartHandle;
 }
 
 /// Address space of the arena of a world that can be saved, bytes: a hundred times the memory of the largest scenes.
@@ -50,6 +53,8 @@ pub struct World {
     pub(super) ghosts: SlotMap<GhostHandle, OwnedGhost>,
     pub(super) vehicles: SlotMap<VehicleHandle, OwnedVehicle>,
     pub(super) soft_bodies: SlotMap<SoftBodyHandle, OwnedSoftBody>,
+    /// Those of removed bodies are gone.
+    pub(super) volumes: SlotMap<VolumePartHandle, VolumePart>,
     /// Bodies for bulk reads; `body_order` names them. A removed body leaves null until another takes its index.
     pub(super) body_list: Vec<*mut sys::AmbBody>,
     pub(super) body_order: Vec<BodyHandle>,
@@ -180,6 +185,7 @@ impl World {
             ghosts: SlotMap::with_key(),
             vehicles: SlotMap::with_key(),
             soft_bodies: SlotMap::with_key(),
+            volumes: SlotMap::with_key(),
             body_list: Vec::new(),
             body_order: Vec::new(),
             constraint_list: Vec::new(),

@@ -28,7 +28,7 @@ pub(super) struct Builder<'a> {
     /// Its bodies by qualified identifier.
     own_names: NameMap<BodyId>,
     /// The models that this builder has built, and the one that it builds.
-    models: BTreeSet<ModelId>,
+    pub(super) models: BTreeSet<ModelId>,
     assembly: Assembly,
 }
 
@@ -74,6 +74,7 @@ impl<'a> Builder<'a> {
         self.scene.changes += 1;
         self.scene.vacate(&BTreeSet::new());
         self.resolve_parents();
+        self.resolve_volume_contacts();
         self.resolve_tools();
         self.scene.arrange();
         let (remarks, open) = self.assembly.put_together(self.scene, &self.models);

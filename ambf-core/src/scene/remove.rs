@@ -176,6 +176,7 @@ impl Scene {
         self.rebuild_graph();
         self.arrange();
         self.choose_leading_tools();
+        self.hide_removed_volumes();
     }
 
     /// Gives up the places of a model that was removed for the same model that is about to be added again: of the same

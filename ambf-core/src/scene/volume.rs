@@ -1,5 +1,6 @@
-//! Volumes: voxel data that is drawn, measured and cut where the volume is. They collide with nothing, and as in the C++
-//! program have no topics of their own: what moves one is its parent.
+//! Volumes: voxel data that is drawn, measured and cut where the volume is. Bodies collide with those that ask for it, as
+//! with parts of the body that carries them. As in the C++ program they have no topics of their own: what moves one is its
+//! parent.
 
 use std::sync::Arc;
 
@@ -14,6 +15,7 @@ use super::list::SceneObject;
 use super::tool::{self, SavedTool, Tool};
 use super::{Identity, ObjectType, Parent, Scene};
 use crate::adf::{self, Severity};
+use crate::bullet::{VolumePartHandle, World};
 use crate::comm::{CarveCommand, Snapshot, ToolReading};
 use crate::ids::{BodyId, VolumeId};
 
@@ -31,6 +33,10 @@ pub struct Volume {
     /// What it was made from.
     pub description: Arc<adf::Volume>,
     voxels: Option<Voxels>,
+    /// What bodies collide with; `None`: nothing.
+    part: Option<VolumePartHandle>,
+    /// The voxels come from a saved state in which sleeping bodies slept at them.
+    is_restored: bool,
     pub(super) tools: Vec<Tool>,
     /// What tools have cut in the latest update.
     cut: Carved,
@@ -103,6 +109,14 @@ impl Volume {
         self.voxels.as_ref().map(|voxels| &voxels.first)
     }
 
+    /// Lets bodies collide with the voxels of now.
+    fn show_to_bodies(&mut self, world: &mut World) {
+        let was_restored = std::mem::take(&mut self.is_restored);
+        if let (Some(part), Some(Voxels { now, .. })) = (self.part, &self.voxels) {
+            world.set_voxels(part, now, !was_restored);
+        }
+    }
+
     fn restore_voxels(&mut self) {
         if let Some(voxels) = &mut self.voxels {
             voxels.now = Arc::clone(&voxels.first);
@@ -168,6 +182,7 @@ impl SceneObject for Volume {
         for tool in tools {
             tool.update(now, &pose, carrier, bodies, world, interval, description.carvable, cut);
         }
+        scene.show_to_bodies(id);
     }
 
     fn reset(scene: &mut Scene, id: Self::Id) {
@@ -176,11 +191,12 @@ impl SceneObject for Volume {
         volume.restore_voxels();
         volume.tools.iter_mut().for_each(Tool::reset);
         volume.cut.clear();
+        scene.show_to_bodies(id);
     }
 
     fn save(&self) -> Self::Saved {
         // All fields by name, so that no new one is forgotten.
-        let Self { attached, description: _, voxels, tools, cut: _ } = self;
+        let Self { attached, description: _, voxels, part: _, is_restored: _, tools, cut: _ } = self;
         let of_voxels = |Voxels { first: _, now, carver }: &Voxels| (Arc::clone(now), carver.carry);
         let tools = tools.iter().map(Tool::save).collect();
         SavedVolume { pose: attached.save(), voxels: voxels.as_ref().map(of_voxels), tools }
@@ -191,6 +207,7 @@ impl SceneObject for Volume {
         if let (Some(voxels), Some((now, carry))) = (&mut self.voxels, &saved.voxels) {
             voxels.now = Arc::clone(now);
             voxels.carver.carry = *carry;
+            self.is_restored = true;
         }
         self.tools.iter_mut().zip(&saved.tools).for_each(|(tool, saved)| tool.restore(saved));
         self.cut.clear();
@@ -222,7 +239,9 @@ impl Scene {
         let local = |there: &Isometry3<f64>| if command.in_world { pose.inv_mul(there) } else { *there };
         let stroke = Stroke { from: local(&command.from), to: local(&command.to) };
         carver.carve_shared(now, &command.shape, &stroke, command.rule)?;
-        Ok(carver.take_carved())
+        let carved = carver.take_carved();
+        self.show_to_bodies(id);
+        Ok(carved)
     }
 
     /// Switches a tool of a volume, or gives it another burr.
@@ -343,7 +362,32 @@ impl Scene {
     /// [`VolumeError::Unknown`].
     pub(crate) fn restore_voxels(&mut self, id: VolumeId) -> Result<(), VolumeError> {
         self.volumes.get_mut(id).ok_or(VolumeError::Unknown)?.restore_voxels();
+        self.show_to_bodies(id);
         Ok(())
+    }
+
+    fn show_to_bodies(&mut self, id: VolumeId) {
+        self.volumes[id].show_to_bodies(&mut self.world);
+    }
+
+    /// Lets bodies collide with the voxels that a saved state has brought back. To be called before a step.
+    pub(crate) fn show_restored_volumes(&mut self) {
+        for volume in self.volumes.iter_mut().filter(|volume| volume.is_restored) {
+            volume.show_to_bodies(&mut self.world);
+        }
+    }
+
+    /// Bodies pass through volumes that were removed from bodies that stay.
+    pub(super) fn hide_removed_volumes(&mut self) {
+        for id in self.volumes.ids() {
+            let volume = &self.volumes[id];
+            let (Some(part), Some(first)) = (volume.part, volume.first_voxels()) else { continue };
+            if !self.has_object(id.into()) {
+                let empty = Arc::new(first.emptied());
+                self.world.set_voxels(part, &empty, true);
+                self.volumes[id].part = None;
+            }
+        }
     }
 }
 
@@ -381,7 +425,32 @@ impl Builder<'_> {
         let description = Arc::new(volume.clone());
         let cuts = volume.tools.iter().any(tool::cuts);
         let cut = Carved::with_room(if cuts { ROOM } else { 0 });
-        self.scene.volumes.push(Volume { attached, description, voxels, tools, cut });
+        self.scene.volumes.push(Volume { attached, description, voxels, part: None, is_restored: false, tools, cut });
+    }
+
+    /// Lets bodies collide with the volumes of the models that are being built which ask for it. Their parents are known,
+    /// and no body is a link yet of an articulation that is about to be made.
+    pub(super) fn resolve_volume_contacts(&mut self) {
+        for id in self.scene.volumes.ids().collect::<Vec<_>>() {
+            let Scene { volumes, bodies, world, .. } = &mut *self.scene;
+            let volume = &mut volumes[id];
+            let is_new = self.models.contains(&volume.attached.identity.model);
+            let (true, true, Some(now)) = (is_new, volume.description.contact.is_some(), volume.voxels()) else { continue };
+            let why = match volume.attached.parent {
+                Some(Parent::Body(body)) => {
+                    let body = &bodies[body];
+                    let pose = body.inertial_offset_inverse * volume.attached.pose;
+                    volume.part = world.add_volume(body.handle, now, &pose);
+                    "the body that it hangs on is a link of a mechanism that was there before"
+                }
+                _ => "it hangs on nothing that is a body",
+            };
+            if volume.part.is_none() {
+                let message = format!("`{}`: nothing collides with it: {why}", volume.attached.identity.key());
+                let source = volume.description.common.source.clone();
+                self.note(Severity::Warning, &source, message);
+            }
+        }
     }
 
     /// Finds the bodies of tools, which may be in later models.

@@ -12,7 +12,9 @@ use crate::adf;
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use crate::control::Profile;
 use crate::device::host::{BodyState, CameraSum, Controls, DeviceHost, Followed, Hand, PhysicsEnd};
-use crate::device::law::{joint_target, Drive, EffectorInput, EffectorOutput, EndEffector, GainChange, Grip};
+use crate::device::law::{
+    joint_target, Drive, EffectorInput, EffectorOutput, EndEffector, GainChange, Grip, UNKNOWN_OPENING,
+};
 use crate::ids::{BodyId, CameraId, JointId, SensorId, Table};
 use crate::scene::{EndEffectorParts, PreparedEndEffector, Scene};
 
@@ -41,8 +43,8 @@ struct Coupled {
     cameras_moved: CameraSum,
     parts: EndEffectorParts,
     is_there: bool,
-    /// Whether its gripper, or the button that stands for one, is closed.
-    is_closed: bool,
+    /// Whether its gripper, or the button that stands for one, is closed; `None`: not seen yet.
+    is_closed: Option<bool>,
     /// (bodies x 1) what is not gripped: the root link and all below it.
     own: Table<BodyId, bool>,
     /// Joints below the root link.
@@ -65,7 +67,7 @@ impl Coupled {
             cameras_moved: CameraSum::default(),
             parts,
             is_there: true,
-            is_closed: false,
+            is_closed: None,
             own: Table::default(),
             joints: Vec::new(),
             sensors: Vec::new(),
@@ -154,11 +156,15 @@ impl Coupled {
         }
     }
 
-    /// Whether its gripper has been closed since this was asked the last time.
+    /// Whether its gripper has been closed since this was asked the last time. One that is closed when it is first seen has
+    /// not been closed.
     fn has_closed(&mut self, gripper: f64) -> bool {
-        let limit = if self.is_closed { OPENS_ABOVE } else { CLOSES_BELOW };
-        let was_closed = std::mem::replace(&mut self.is_closed, gripper < limit);
-        self.is_closed && !was_closed
+        if self.is_closed.is_none() && gripper == UNKNOWN_OPENING {
+            return false;
+        }
+        let limit = if self.is_closed == Some(true) { OPENS_ABOVE } else { CLOSES_BELOW };
+        let is_closed = gripper < limit;
+        self.is_closed.replace(is_closed) == Some(false) && is_closed
     }
 
     fn drive_root(&self, physics: &mut Physics, output: &EffectorOutput) {
@@ -334,8 +340,8 @@ impl Simulation {
         devices.list.iter().for_each(|device| recorder.note(&device.entry()));
         recorder.note(&Entry::Period { period: devices.nominal_dt });
         devices.noted_assist = None;
-        // A replay begins with open hands.
-        devices.list.iter_mut().for_each(|device| (device.noted, device.is_closed) = (None, false));
+        // A replay sees the hands for the first time.
+        devices.list.iter_mut().for_each(|device| (device.noted, device.is_closed) = (None, None));
     }
 
     /// Changes a gain of the `device`-th device as its user did; false if there is no such device.

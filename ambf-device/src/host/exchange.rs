@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use triple_buffer::{triple_buffer, Input, Output};
 
-use crate::law::{self, GainChange, Mode, Quantity, RotationRule, Switches};
+use crate::law::{self, GainChange, Mode, Quantity, RotationRule, Switches, UNKNOWN_OPENING};
 
 /// What is older than this says nothing about the present any more.
 pub(crate) const STALE: Duration = Duration::from_millis(50);
@@ -92,7 +92,7 @@ pub(crate) struct DeviceEnd {
 /// Both ends of a coupling of a device to a body at `pose`.
 pub(crate) fn couple(pose: Isometry3<f64>) -> (PhysicsEnd, DeviceEnd) {
     let body = BodyState { stamp: None, pose, is_there: true, camera: None, paused: true, resets: 0 };
-    let hand = Hand { reference: pose, gripper: 0.5, cameras: CameraSum::default() };
+    let hand = Hand { reference: pose, gripper: UNKNOWN_OPENING, cameras: CameraSum::default() };
     let ((state_in, state_out), (hand_in, hand_out)) = (triple_buffer(&body), triple_buffer(&hand));
     (PhysicsEnd { state: state_in, hand: hand_out }, DeviceEnd { state: state_out, hand: hand_in })
 }

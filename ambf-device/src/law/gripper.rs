@@ -4,6 +4,9 @@ use crate::DeviceSample;
 /// Opening at which the gripping assist releases; below it, it grips.
 const GRIP: f64 = 0.5;
 
+/// What a gripper is taken for until its opening is known.
+pub const UNKNOWN_OPENING: f64 = GRIP;
+
 /// Opening of a gripper, 0 closed … 1 open: sensed, or by a button (pressed: closed), or stepped in mode
 /// [`Mode::GripperJaw`](super::Mode::GripperJaw), or 0.5.
 #[derive(Debug, Clone)]

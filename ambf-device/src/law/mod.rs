@@ -18,7 +18,7 @@ mod velocity;
 pub use camera::CameraMotion;
 pub use controls::{Buttons, GainChange, Mode, Quantity, Status};
 pub use effector::{Drive, EffectorInput, EffectorOutput, EndEffector};
-pub use gripper::{joint_target, Grip};
+pub use gripper::{joint_target, Grip, UNKNOWN_OPENING};
 pub use haptic::{HapticInput, HapticLoop, HapticOutput, Switches, WorldView};
 pub use reference::RotationRule;
 pub use rotation::{rotation_vector, rotation_vector_change};

@@ -157,8 +157,35 @@ impl RigidBody {
     }
 }
 
+impl RigidBody {
+    /// A body without mass and shape, at which something else collides.
+    pub(super) fn fixed(common: Common, location: Isometry3<f64>, surface: Surface, collision_groups: Vec<u32>) -> Self {
+        Self {
+            common,
+            location,
+            scale: 1.0,
+            mass: 0.0,
+            inertia: None,
+            inertial_offset: None,
+            gravity: None,
+            visual: Visual::default(),
+            collision: CollisionGeometry::None,
+            collision_margin: 0.001,
+            continuous_collision: None,
+            collision_groups,
+            collision_filter: None,
+            self_collision: false,
+            surface,
+            controller: None,
+            publish_children_names: false,
+            publish_joint_names: true,
+            publish_joint_positions: true,
+        }
+    }
+}
+
 impl Surface {
-    fn read(map: &Map<'_>) -> Self {
+    pub(super) fn read(map: &Map<'_>) -> Self {
         let default = Self::default();
         let (friction, damping) = (map.map("friction"), map.map("damping"));
         let written = |map: &Map<'_>, key| {

@@ -65,7 +65,7 @@ pub use report::{LoadError, Problem, ProblemKind, Report, Severity, Verbose};
 pub use sensor::{Actuator, Ray, RaySource, ResistanceParameters, Sensor, SensorKind};
 pub use soft_body::{SoftBody, SoftBodyConfig, SoftConfig, SoftMaterial};
 pub use vehicle::{Suspension, Vehicle, Wheel, WheelVisual};
-pub use volume::{ImageStack, ToolBall, ToolBurr, Volume, VolumeLabel, VolumeTool};
+pub use volume::{ImageStack, ToolBall, ToolBurr, Volume, VolumeContact, VolumeLabel, VolumeTool};
 pub use world::{Enclosure, PhysicsProfile, PhysicsSettings, Skybox, World};
 
 /// Largest file that is read, bytes.

@@ -170,6 +170,8 @@ impl Model {
             namespace: base.namespace,
             file,
         };
+        let carriers = model.volumes.iter_mut().filter_map(Volume::take_carrier);
+        model.bodies.extend(carriers);
         coupling::check(root, &mut model.joints);
         root.ignore(&["joint erp", "joint cfm"], "only those of each joint count");
         root.finish_root();

@@ -352,6 +352,11 @@ impl<'m> Map<'m> {
         self.position(key).is_some()
     }
 
+    /// True when the key is there and holds a mapping.
+    pub(super) fn is_map(&self, key: &str) -> bool {
+        self.node(key).is_some_and(|n| matches!(n.kind, Kind::Map(_)))
+    }
+
     /// True when the key is there but null.
     pub(super) fn is_null(&self, key: &str) -> bool {
         self.node(key).is_some_and(|n| matches!(n.kind, Kind::Null))

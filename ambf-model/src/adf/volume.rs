@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use nalgebra::{Isometry3, Vector3};
 
+use super::body::{RigidBody, Surface};
 use super::common::{Common, Material, ShaderProgram};
 use super::reader::{Map, Range};
 use super::report::ProblemKind;
@@ -33,6 +34,8 @@ pub struct Volume {
     pub has_location: bool,
     /// What voxels of a colour are. Default: none.
     pub labels: Vec<VolumeLabel>,
+    /// Whether bodies collide with the surface. `None`: they pass through it.
+    pub contact: Option<VolumeContact>,
     /// Whether voxels may be cut. Default: `true`.
     pub carvable: bool,
     /// Bodies that touch and cut. Default: none.
@@ -47,6 +50,33 @@ pub struct Volume {
     pub material: Option<Material>,
     /// Own shaders.
     pub shaders: Option<ShaderProgram>,
+}
+
+/// How bodies collide with a volume that has no parent. One that hangs on a body is a part of that body.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct VolumeContact {
+    /// Friction and restitution.
+    pub surface: Surface,
+    /// Collision groups, each 0 to 999, in file order. Default: none.
+    pub groups: Vec<u32>,
+}
+
+impl VolumeContact {
+    /// Key `contact`: `true`, `false`, or keys of its surface.
+    fn read(map: &Map<'_>) -> Option<Self> {
+        if !map.is_map("contact") {
+            return map.boolean("contact").unwrap_or(false).then(Self::default);
+        }
+        let keys = map.map("contact");
+        let contact = Self { surface: Surface::read(&keys), groups: keys.collision_groups() };
+        keys.finish();
+        let default = Self::default();
+        if contact != default && map.is_filled("parent") {
+            let (expected, action) = ("`true`", "surface and groups are those of the parent");
+            map.warn(ProblemKind::IgnoredKey, "contact", expected, action);
+        }
+        Some(contact)
+    }
 }
 
 /// What voxels of one colour are.
@@ -236,6 +266,7 @@ impl Volume {
             has_location: map.has("location"),
             labels: map.maps("labels").iter().filter_map(VolumeLabel::read).collect(),
             tools: map.maps("tools").iter().map(VolumeTool::read).collect(),
+            contact: VolumeContact::read(map),
             carvable: map.boolean("carvable").unwrap_or(true),
             iso_surface_value: map.real("iso-surface value").unwrap_or(0.5),
             optical_density: map.real("optical density").unwrap_or(1.0),
@@ -245,6 +276,19 @@ impl Volume {
         };
         map.finish();
         Some(volume)
+    }
+
+    /// The body that carries a volume with contact that has no parent, and is its parent from now on: a body without mass, of
+    /// the volume's name, at its place. `None`: none is needed.
+    pub(super) fn take_carrier(&mut self) -> Option<RigidBody> {
+        let VolumeContact { surface, groups } = self.contact.as_ref().filter(|_| self.parent.is_empty())?;
+        let own = self.common.identifier.as_str();
+        let identifier = format!("BODY {}", own.strip_prefix("VOLUME ").unwrap_or(own));
+        let common = Common { identifier: identifier.clone(), plugins: Vec::new(), ..self.common.clone() };
+        let location = std::mem::replace(&mut self.location, Isometry3::identity());
+        let body = RigidBody::fixed(common, location, *surface, groups.clone());
+        self.parent = identifier;
+        Some(body)
     }
 }
 
@@ -337,6 +381,29 @@ mod tests {
         assert_eq!(names(stack(100), 1000), ["p000.png", "p1.png", "p03.png", "p100.png"]);
         assert_eq!(names(stack(100), 3), ["p000.png", "p1.png"]);
         assert_eq!(names(stack(0), 1000), [""; 0], "count 0 has one digit");
+    }
+
+    #[test]
+    fn contact_makes_a_body_where_there_is_no_parent() {
+        let place = "location: {position: {x: 1, y: 2, z: 3}}";
+        let text = format!(
+            "volumes: [VOLUME v, W, X]\nbodies: [B]\nB: {{mass: 0}}\n\
+             VOLUME v: {{name: v, {place}, contact: {{friction: {{static: 0.2}}, restitution: 0, collision groups: [3]}}}}\n\
+             W: {{contact: true, parent: B, {place}}}\nX: {{contact: false, {place}}}\n"
+        );
+        let model = clean::<Model>(&text);
+        let [body, carrier] = &model.bodies[..] else { panic!("{:?}", model.bodies) };
+        assert_eq!((body.common.identifier.as_str(), carrier.common.identifier.as_str()), ("B", "BODY v"));
+        assert_eq!((carrier.common.name.as_str(), carrier.mass, &carrier.collision_groups), ("v", 0.0, &vec![3]));
+        assert_eq!((carrier.surface.static_friction, carrier.surface.restitution), (0.2, 0.0));
+        assert_eq!(carrier.location.translation.vector, Vector3::new(1.0, 2.0, 3.0));
+        let [v, w, x] = &model.volumes[..] else { panic!() };
+        assert_eq!((v.parent.as_str(), v.location, v.has_location), ("BODY v", Isometry3::identity(), true));
+        assert_eq!((w.parent.as_str(), &w.contact, w.location.translation.x), ("B", &Some(VolumeContact::default()), 1.0));
+        assert_eq!((x.parent.as_str(), &x.contact), ("", &None));
+        let text = "volumes: [V]\nbodies: [B]\nB: {mass: 0}\nV: {parent: B, contact: {restitution: 0}}\n";
+        let (_, problems) = read::<Model>(text);
+        assert!(problems[0].contains("`V / contact`") && problems[0].contains("those of the parent"), "{problems:?}");
     }
 
     #[test]

@@ -13,7 +13,7 @@ use crate::adf::{self, InputDevices, ObjectType};
 use crate::bullet::StateError;
 use crate::comm::RigidBodyCommand;
 use crate::device::host::{quantity, CameraSum, Controls, Hand, StandIn};
-use crate::device::law::{GainChange, Switches};
+use crate::device::law::{GainChange, Switches, UNKNOWN_OPENING};
 use crate::ids::{ActuatorId, BodyId, CameraId, JointId, LightId, SoftBodyId, VehicleId, VolumeId};
 use crate::plugin::{CommandError, ObjectId};
 use crate::scene::{ParameterChange, PreparedModel, StateChange};
@@ -369,7 +369,7 @@ impl Replayer {
         let mut made = None;
         let couple = |pose: Isometry3<f64>| {
             let (physics, stand_in) = StandIn::new(pose);
-            made = Some((stand_in, Hand { reference: pose, gripper: 0.5, cameras: CameraSum::default() }));
+            made = Some((stand_in, Hand { reference: pose, gripper: UNKNOWN_OPENING, cameras: CameraSum::default() }));
             physics
         };
         let controls = Arc::clone(&self.controls);
