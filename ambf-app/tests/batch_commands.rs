@@ -213,3 +213,44 @@ fn bodies_are_named_by_full_names_names_and_parts_of_them() {
     let expected = "commands.txt:2: `BODY` is part of several: `/n/BODY Free`, `/n/BODY Fixed`; write more of the name of the body";
     assert!(ran.status == 2 && ran.stderr.contains(expected), "{ran:?}");
 }
+
+#[test]
+fn cuts_and_tools_open_a_hole_for_a_ball() {
+    use ambf_core::volume::{nrrd, Label, Voxel, VoxelGrid};
+    use nalgebra::{Isometry3, Vector3};
+    let folder = Folder::new();
+    // Solid up to 3 mm above the centre.
+    let grid = VoxelGrid::from_fn([40; 3], Vector3::repeat(0.02), 0.5, vec![Label::of_color([255; 3])], |[_, _, k]| {
+        if k < 26 {
+            Voxel { density: 255, label: 1 }
+        } else {
+            Voxel::default()
+        }
+    });
+    nrrd::write(&grid.expect("a grid"), &folder.path().join("v.nrrd"), &Isometry3::identity()).expect("written");
+    folder.write("world.yaml", "gravity: {x: 0, y: 0, z: -9.81}\n");
+    folder.write(
+        "model.yaml",
+        "volumes: [VOLUME bone]\nVOLUME bone: {name: bone, nrrd: v.nrrd, contact: true, \
+         tools: [{body: BODY drill, tip: {radius: 0.002}, rate: 1.0e-6, on: false}]}\n\
+         bodies: [BODY ball, BODY drill]\n\
+         BODY ball: {name: ball, mass: 0.001, location: {position: {x: 0, y: 0, z: 0.0045}}, collision shape: Sphere, \
+         collision geometry: {radius: 0.0015}, restitution: 0}\n\
+         BODY drill: {name: drill, mass: 0, location: {position: {x: 0, y: 0, z: 0.001}}}\n",
+    );
+    let height = |commands: &str, step: u64| {
+        folder.write("commands.txt", commands);
+        folder.succeed("-a model.yaml --world world.yaml --commands commands.txt --steps 400 --trace t");
+        folder.csv("t_bodies.csv").at(step, "ball", "pz")
+    };
+    close(height("", 400), 0.0045, 1e-4);
+    // From 6 mm to the middle in 20 steps of 0.3 mm.
+    let cut = "100|119|CUT|bone|0 0 0.006 0 0 0 0.003\n";
+    close(height(cut, 100), 0.0045, 1e-4);
+    close(height(cut, 400), -0.0015, 5e-4);
+    assert!(height("100|399|TOOL|bone|0 1\n", 400) < 0.0025, "the drill is at 1 mm");
+    close(height("0|0|TOOL|bone|0 0 0.001\n", 400), 0.0045, 1e-4);
+    folder.write("commands.txt", "5|9|CUT|bone|0 0 0 0 0 1 1e300\n");
+    let ran = folder.run("-a model.yaml --world world.yaml --commands commands.txt --steps 10");
+    assert!(ran.status != 0 && ran.stderr.contains("commands.txt:1: step 5"), "{ran:?}");
+}

@@ -25,6 +25,7 @@ void ContactFeature::find(const btConvexShape &shape, const btTransform &pose, c
   take_points(shape, pose, normal);
   keep_lowest(normal, band);
   order(normal, band);
+  found_ = points_;
 }
 
 void ContactFeature::take_points(const btConvexShape &shape, const btTransform &pose, const btVector3 &normal) {

@@ -21,6 +21,8 @@ class ContactFeature {
  public:
   // Finds what is lowest along the normal, up to `band` m above the lowest point.
   void find(const btConvexShape &shape, const btTransform &pose, const btVector3 &normal, btScalar band);
+  // What `find` found last is found again.
+  void find_again() { points_ = found_; }
   // Takes points that are known.
   void set(std::initializer_list<btVector3> points) { points_.assign(points); }
   // By how much the points, at least three in order, are off a plane, m, and its normal; infinite where they span none.
@@ -38,7 +40,7 @@ class ContactFeature {
   void keep_lowest(const btVector3 &normal, btScalar band);
   void order(const btVector3 &normal, btScalar band);
 
-  Vector<btVector3> points_, other_;
+  Vector<btVector3> points_, other_, found_;
 };
 
 #endif

@@ -1,11 +1,16 @@
 #include "contact_selection.h"
 
+#include <algorithm>
+
 namespace {
 
 // Cosine of the largest angle between the normals of a group.
 constexpr btScalar GROUP_COSINE = 0.9;
 // Share of the contact breaking threshold by which a point has to be deeper than others to be kept for its depth.
 constexpr btScalar SAME_DEPTH = 0.01;
+// Contacts that are not worth to be thinned out, and the directions in which the farthest ones stay.
+constexpr size_t ENOUGH = 24;
+constexpr int DIRECTIONS = 8;
 
 }  // namespace
 
@@ -48,4 +53,51 @@ ContactSelection select_contacts(Vector<SurfaceContact> &contacts, const Surface
     if (is_in(contact)) contact.is_done = true;
   }
   return selection;
+}
+
+void thin_out_contacts(Vector<SurfaceContact> &contacts, size_t first, Vector<SurfaceContact> &left, btScalar threshold) {
+  if (contacts.size() - first <= ENOUGH) return;
+  left.clear();
+  // As for a selection.
+  const btScalar apart = btScalar(0.1) * threshold;
+  const auto begin = contacts.begin() + first, end = contacts.end();
+  for (;;) {
+    const SurfaceContact *seed = nullptr;
+    for (auto i = begin; i != end; ++i) {
+      if (!i->is_done && (!seed || i->distance < seed->distance)) seed = &*i;
+    }
+    if (!seed) break;
+    const btVector3 normal = seed->normal;
+    const btScalar deep = seed->distance + SAME_DEPTH * threshold;
+    btVector3 ways[DIRECTIONS];
+    btPlaneSpace1(normal, ways[0], ways[1]);
+    ways[2] = (ways[0] + ways[1]) * SIMDSQRT12;
+    ways[3] = (ways[0] - ways[1]) * SIMDSQRT12;
+    for (int k = 0; k < 4; ++k) ways[4 + k] = -ways[k];
+    // Among all, then among the deepest.
+    const SurfaceContact *best[2 * DIRECTIONS] = {};
+    btScalar far[2 * DIRECTIONS];
+    for (auto i = begin; i != end; ++i) {
+      if (i->is_done || !(normal.dot(i->normal) > GROUP_COSINE)) continue;
+      i->is_done = true;
+      const btVector3 on_body = i->point + i->normal * i->distance;
+      for (int k = 0; k < (i->distance <= deep ? 2 : 1) * DIRECTIONS; ++k) {
+        const btScalar value = ways[k % DIRECTIONS].dot(on_body);
+        const bool is_better =
+            !best[k] || value > far[k] + apart || (value > far[k] - apart && i->distance < best[k]->distance);
+        if (!is_better) continue;
+        best[k] = &*i;
+        far[k] = value;
+      }
+    }
+    for (int k = 0; k < 2 * DIRECTIONS; ++k) {
+      if (!best[k] || std::find(best, best + k, best[k]) != best + k) continue;
+      left.push_back(*best[k]);
+      left.back().is_done = false;
+    }
+    // A normal that is not a number is in no group.
+    if (!best[0]) break;
+  }
+  contacts.resize(first);
+  contacts.insert(contacts.end(), left.begin(), left.end());
 }

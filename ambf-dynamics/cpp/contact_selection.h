@@ -26,4 +26,8 @@ struct ContactSelection {
 ContactSelection select_contacts(Vector<SurfaceContact> &contacts, const SurfaceContact &seed, const btVector3 &centre,
                                  btScalar threshold);
 
+// Leaves those of the contacts from the `first`-th on that a selection may choose: of each group of similar normals the ones that
+// are farthest in some directions, among all and among the deepest. `left`: scratch memory.
+void thin_out_contacts(Vector<SurfaceContact> &contacts, size_t first, Vector<SurfaceContact> &left, btScalar threshold);
+
 #endif

@@ -42,6 +42,7 @@ class Narrow final : public btTriangleCallback {
         is_box_(shape.getShapeType() == BOX_SHAPE_PROXYTYPE),
         sharp_box_(is_box_ ? static_cast<const btBoxShape &>(shape).getHalfExtentsWithMargin() : btVector3(1, 1, 1)) {
     sharp_box_.setMargin(0);
+    shape.getAabb(btTransform::getIdentity(), own_low_, own_high_);
     shape.getAabb(pose, low_, high_);
     const btScalar wider = mesh_margin + reach_;
     low_ -= btVector3(wider, wider, wider);
@@ -56,6 +57,30 @@ class Narrow final : public btTriangleCallback {
 
   // The triangles that come next are those of this mesh.
   void begin(const MeshTopology &mesh) { mesh_ = &mesh; }
+
+  // Whether a triangle is too far for contacts. Cheaper than to look for them: most triangles near a body that lies on a fine
+  // mesh are below it, but far beside of what it touches.
+  bool is_far(const btVector3 &a, const btVector3 &b, const btVector3 &c) const {
+    const btVector3 middle = (a + b + c) / 3;
+    const btScalar radius = btSqrt(std::max({middle.distance2(a), middle.distance2(b), middle.distance2(c)}));
+    const btScalar least = radius + reach_ + mesh_margin_;
+    const btVector3 at = pose_.invXform(middle);
+    btVector3 inside = at;
+    inside.setMax(own_low_);
+    inside.setMin(own_high_);
+    if (at.distance2(inside) > least * least) return true;
+    if (is_box_) return false;
+    btVector3 way = pose_.getOrigin() - middle;
+    const btScalar length = way.length();
+    if (!(length > 0)) return false;
+    way /= length;
+    return lowest(way) - margin() - way.dot(middle) > least;
+  }
+
+  // Leaves those of the contacts from `first` on, which came from one brick, that a selection among all may choose.
+  void thin_out(size_t first) { thin_out_contacts(memory_.found, first, memory_.left, threshold_); }
+
+  size_t found() const { return memory_.found.size(); }
 
   void processTriangle(btVector3 *, int, int index) override {
     const MeshTopology::Triangle &triangle = mesh_->triangles[index];
@@ -164,8 +189,15 @@ class Narrow final : public btTriangleCallback {
     return true;
   }
 
-  void add_inside(const btVector3 (&corners)[3], const btVector3 &normal) {
+  // Neighbouring triangles of a flat surface have the same normal, to the bit.
+  void find_feature(const btVector3 &normal) {
+    if (normal == last_normal_) return memory_.feature.find_again();
     memory_.feature.find(shape_, pose_, normal, reach_);
+    last_normal_ = normal;
+  }
+
+  void add_inside(const btVector3 (&corners)[3], const btVector3 &normal) {
+    find_feature(normal);
     const btScalar level = normal.dot(corners[0]);
     btScalar height = 0;
     for (const btVector3 &point : memory_.feature.points()) height = std::max(height, normal.dot(point) - level);
@@ -200,7 +232,7 @@ class Narrow final : public btTriangleCallback {
     if (!mesh_->is_normal_of_edge(edge, normal)) return;
     add(normal, found.m_pointInWorld, found.m_distance);
     // Where a face or edge of the body lies along the edge, both ends of what they have in common.
-    memory_.feature.find(shape_, pose_, normal, reach_);
+    find_feature(normal);
     if (memory_.feature.points().size() < 2) return;
     const btVector3 across = normal.cross(along).normalized();
     const btScalar width = btScalar(1e-6) * end.distance(start);
@@ -241,6 +273,10 @@ class Narrow final : public btTriangleCallback {
   const bool is_box_;
   btBoxShape sharp_box_;
   btVector3 low_, high_;
+  // Bounding box of the shape in its own frame.
+  btVector3 own_low_, own_high_;
+  // Of the feature that was found last.
+  btVector3 last_normal_{0, 0, 0};
 };
 
 class ConvexOnMesh final : public btCollisionAlgorithm {
@@ -321,9 +357,12 @@ class ConvexOnMesh final : public btCollisionAlgorithm {
     static_cast<const VolumeShape &>(mesh).for_bricks(narrow.low(), narrow.high(), [&](VolumeBrick &brick) {
       if (!brick.topology) brick.topology = std::make_shared<const MeshTopology>(brick);
       narrow.begin(*brick.topology);
+      const size_t before = narrow.found();
       for (int i = 0; i < brick.own; ++i) {
-        if (brick.overlaps(i, narrow.low(), narrow.high())) narrow.processTriangle(nullptr, 0, i);
+        if (!brick.overlaps(i, narrow.low(), narrow.high())) continue;
+        if (!narrow.is_far(brick.corner(i, 0), brick.corner(i, 1), brick.corner(i, 2))) narrow.processTriangle(nullptr, 0, i);
       }
+      narrow.thin_out(before);
     });
   }
 

@@ -17,7 +17,8 @@
 // inside is then one only if the expanding polytope algorithm finds the same normal, or one that is outside its Voronoi region.
 // Contacts with similar normals are one group, of which the deepest and those that span the largest area are kept, four in a
 // manifold. A body that moves fast enough to get through the surface has contacts where it will touch (approach.h).
-// Triangles have two sides: the one that the body is less deep on.
+// Triangles have two sides: the one that the body is less deep on. Of the many contacts that a brick of a volume has with a flat
+// body those are left that span the area.
 #ifndef AMB_MESH_CONTACTS_H
 #define AMB_MESH_CONTACTS_H
 
@@ -43,7 +44,7 @@ class MeshContacts {
   // Scratch memory.
   ContactFeature feature;
   // In the frame of the mesh, from the mesh to the body.
-  Vector<SurfaceContact> found;
+  Vector<SurfaceContact> found, left;
 
  private:
   struct Pairs final : btCollisionAlgorithmCreateFunc {

@@ -60,6 +60,65 @@ impl Default for Patch {
     }
 }
 
+/// Share of the extent of a patch by which a flat one may be uneven.
+const FLAT: f64 = 1e-9;
+
+impl Patch {
+    /// Makes one rectangle, of two triangles, of a brick's surface if that and all that touches it is in one plane across an
+    /// axis: a body that lies on a flat face then has fewer triangles below it. The surface is the same, and so is what the
+    /// triangles around it tell of its sides: that it goes on there.
+    pub fn merge_flat(&mut self) {
+        let Some(first) = self.vertices.first() else { return };
+        let (mut least, mut most) = (*first, *first);
+        for (vertex, axis) in self.vertices.iter().flat_map(|vertex| (0..3).map(move |axis| (vertex, axis))) {
+            least[axis] = least[axis].min(vertex[axis]);
+            most[axis] = most[axis].max(vertex[axis]);
+        }
+        let extent = (0..3).map(|axis| most[axis] - least[axis]).fold(0.0, f64::max);
+        let Some(axis) = (0..3).find(|&axis| most[axis] - least[axis] <= FLAT * extent) else { return };
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let own = &self.triangles[..self.own];
+        let corner = |vertex: u32| [self.vertices[vertex as usize][u], self.vertices[vertex as usize][v]];
+        let (mut low, mut high, mut area) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2], 0.0);
+        for triangle in own {
+            let [a, b, c] = triangle.map(corner);
+            // Twice the area, positive if it is seen anticlockwise from the end of the axis.
+            area += (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+            for k in 0..2 {
+                low[k] = low[k].min(a[k]).min(b[k]).min(c[k]);
+                high[k] = high[k].max(a[k]).max(b[k]).max(c[k]);
+            }
+        }
+        let whole = 2.0 * (high[0] - low[0]) * (high[1] - low[1]);
+        if own.len() <= 2 || (area.abs() - whole).abs() > FLAT * whole {
+            return;
+        }
+        let level = first[axis];
+        let point = |[x, y]: [f64; 2]| {
+            let mut point = [level; 3];
+            (point[u], point[v]) = (x, y);
+            point
+        };
+        let middle = [0, 1].map(|k| (low[k] + high[k]) / 2.0);
+        let beyond = [0, 1].map(|k| [2.0 * low[k] - high[k], 2.0 * high[k] - low[k]]);
+        let corners = [low, [high[0], low[1]], high, [low[0], high[1]]];
+        let around = [
+            [middle[0], beyond[1][0]],
+            [beyond[0][1], middle[1]],
+            [middle[0], beyond[1][1]],
+            [beyond[0][0], middle[1]],
+        ];
+        self.vertices.clear();
+        self.vertices.extend(corners.into_iter().chain(around).map(point));
+        self.triangles.clear();
+        self.triangles.extend([[0, 1, 2], [0, 2, 3], [1, 0, 4], [2, 1, 5], [3, 2, 6], [0, 3, 7]]);
+        if area < 0.0 {
+            self.triangles.iter_mut().for_each(|triangle| triangle.swap(0, 1));
+        }
+        self.own = 2;
+    }
+}
+
 /// Place of a voxel in what a [`Patch`] depends on.
 fn in_span([x, y, z]: [usize; 3]) -> usize {
     x + SPAN * (y + SPAN * z)

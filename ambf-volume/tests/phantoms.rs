@@ -468,12 +468,16 @@ fn patches_are_the_surface_brick_by_brick_with_what_touches_it() {
     for grid in [ball(0.0), ball(1e-3), random_grid(&mut random, 0.5), random_grid(&mut random, 0.05)] {
         let mesh = grid.mesh();
         let key = |points: [[f64; 3]; 3]| points.map(|point| point.map(f64::to_bits));
-        let whole: std::collections::HashMap<_, usize> = mesh.triangles.iter().fold(Default::default(), |mut all, t| {
-            *all.entry(key(t.map(|v| mesh.vertices[v as usize].coords.into()))).or_insert(0) += 1;
-            all
-        });
+        let whole: std::collections::HashMap<_, usize> =
+            mesh.triangles.iter().fold(Default::default(), |mut all, t| {
+                *all.entry(key(t.map(|v| mesh.vertices[v as usize].coords.into()))).or_insert(0) += 1;
+                all
+            });
         let around = |patch: &Patch, triangles: &[[u32; 3]], v: u32| {
-            triangles.iter().filter(|t| t.iter().any(|&w| patch.vertices[w as usize] == patch.vertices[v as usize])).count()
+            triangles
+                .iter()
+                .filter(|t| t.iter().any(|&w| patch.vertices[w as usize] == patch.vertices[v as usize]))
+                .count()
         };
         let of_mesh = mesh.triangles.iter().flatten().fold(std::collections::HashMap::new(), |mut all, &v| {
             let at: [f64; 3] = mesh.vertices[v as usize].coords.into();
@@ -498,6 +502,55 @@ fn patches_are_the_surface_brick_by_brick_with_what_touches_it() {
         }
         assert!(own == whole && checked > 50, "{} {} {checked}", own.len(), whole.len());
     }
+}
+
+#[test]
+fn flat_patches_become_rectangles_of_the_same_plane_and_side() {
+    // A block whose faces are a voxel inside the box, but for the one at the low end of x.
+    let edges = Vector3::new(0.04, 0.048, 0.056);
+    let grid = VoxelGrid::from_fn([40, 48, 56], edges, 0.5, label(), |index| {
+        let inside = index[0] < 39 && (1..47).contains(&index[1]) && (1..55).contains(&index[2]);
+        if inside {
+            FULL
+        } else {
+            Voxel::default()
+        }
+    })
+    .expect("a grid");
+    let high = grid.size().map(|edge| edge.div_ceil(8) - 1);
+    let area = |patch: &Patch| {
+        let sum = |sum: Vector3<f64>, t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| Vector3::from(patch.vertices[v as usize]));
+            sum + (b - a).cross(&(c - a)) / 2.0
+        };
+        patch.triangles[..patch.own].iter().fold(Vector3::zeros(), sum)
+    };
+    let (mut from, mut patch, mut merged) = ([0; 3], Patch::default(), 0);
+    while let Some(brick) = grid.next_surface_brick([0; 3], high, from) {
+        grid.patch(brick, &mut patch);
+        let before = patch.clone();
+        patch.merge_flat();
+        assert!((area(&patch) - area(&before)).norm() < 1e-15, "{brick:?}");
+        if patch.own < before.own {
+            merged += 1;
+            let axis = (0..3).find(|&k| before.vertices.iter().all(|v| (v[k] - before.vertices[0][k]).abs() < 1e-12));
+            let axis = axis.expect("it is flat");
+            assert!(
+                patch.own == 2 && patch.vertices.iter().all(|v| (v[axis] - before.vertices[0][axis]).abs() < 1e-12)
+            );
+            for t in &before.triangles[..before.own] {
+                for vertex in t.map(|v| before.vertices[v as usize]) {
+                    let within = |k: usize| {
+                        patch.vertices[0][k] - 1e-12 <= vertex[k] && vertex[k] <= patch.vertices[2][k] + 1e-12
+                    };
+                    assert!((0..3).all(within), "{brick:?}");
+                }
+            }
+        }
+        from = [brick[0] + 1, brick[1], brick[2]];
+    }
+    // All bricks of the faces that have no edge of the block in or beside them.
+    assert_eq!(merged, 2 * (3 * 4 + 3 * 5 + 4 * 5));
 }
 
 fn is_closed(triangles: &[[u32; 3]]) {

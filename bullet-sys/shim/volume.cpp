@@ -130,8 +130,7 @@ void VolumeShape::cast(btTriangleRaycastCallback &ray) const {
 }
 
 void VolumeShape::getAabb(const btTransform &pose, btVector3 &low, btVector3 &high) const {
-  const btVector3 from = vector_of(source_.bounds), to = vector_of(source_.bounds + 3);
-  btTransformAabb((to - from) / 2, (to + from) / 2, 0, pose, low, high);
+  btTransformAabb(vector_of(source_.bounds), vector_of(source_.bounds + 3), 0, pose, low, high);
 }
 
 namespace {

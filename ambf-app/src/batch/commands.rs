@@ -421,10 +421,8 @@ mod tests {
             topic: format!("/ambf/env/psm/{name}"),
         };
         let vehicles = vec![("Car".into(), full("Car", "VEHICLE"), 2)];
-        let volumes = vec![
-            ("Bone".into(), full("Bone", "VOLUME"), 1, true),
-            ("Skin".into(), full("Skin", "VOLUME"), 0, false),
-        ];
+        let volumes =
+            vec![("Bone".into(), full("Bone", "VOLUME"), 1, true), ("Skin".into(), full("Skin", "VOLUME"), 0, false)];
         let qualified = bodies.iter().map(|name: &String| full(name, "BODY")).collect();
         Commands::parse(
             text,
@@ -451,7 +449,10 @@ mod tests {
         let cut = |rate| of_bone(VolumeAction::Cut { from, to, radius: 0.003, rate });
         assert_eq!((&commands.list[6].action, &commands.list[7].action), (&cut(None), &cut(Some(3e-8))));
         let tool = |on, radius| of_bone(VolumeAction::Tool { tool: 0, on, radius });
-        assert_eq!((&commands.list[8].action, &commands.list[9].action), (&tool(true, None), &tool(false, Some(0.002))));
+        assert_eq!(
+            (&commands.list[8].action, &commands.list[9].action),
+            (&tool(true, None), &tool(false, Some(0.002)))
+        );
     }
 
     #[test]

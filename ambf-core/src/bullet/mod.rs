@@ -50,8 +50,8 @@ pub use statistics::SolverStatistics;
 pub use step::{ExpectedTurn, SubStep};
 pub use vehicle::Wheel;
 pub use world::{
-    ArticulationHandle, BodyHandle, ConstraintHandle, GhostHandle, SoftBodyHandle, VehicleHandle, VolumePartHandle, World,
-    WorldKind,
+    ArticulationHandle, BodyHandle, ConstraintHandle, GhostHandle, SoftBodyHandle, VehicleHandle, VolumePartHandle,
+    World, WorldKind,
 };
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};

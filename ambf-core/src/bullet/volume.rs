@@ -56,6 +56,7 @@ unsafe extern "C" fn mesh(data: *mut c_void, brick: *const i32, out: *mut sys::A
     // SAFETY: as in `next`; `out` may be written.
     let (Source { grid, patch }, brick, out) = unsafe { (&mut *data.cast::<Source>(), indices(brick), &mut *out) };
     grid.patch(brick, patch);
+    patch.merge_flat();
     *out = sys::AmbBrickMesh {
         vertices: patch.vertices.as_ptr().cast(),
         triangles: patch.triangles.as_ptr().cast(),

@@ -435,7 +435,9 @@ impl Builder<'_> {
             let Scene { volumes, bodies, world, .. } = &mut *self.scene;
             let volume = &mut volumes[id];
             let is_new = self.models.contains(&volume.attached.identity.model);
-            let (true, true, Some(now)) = (is_new, volume.description.contact.is_some(), volume.voxels()) else { continue };
+            let (true, true, Some(now)) = (is_new, volume.description.contact.is_some(), volume.voxels()) else {
+                continue;
+            };
             let why = match volume.attached.parent {
                 Some(Parent::Body(body)) => {
                     let body = &bodies[body];

@@ -159,7 +159,12 @@ impl RigidBody {
 
 impl RigidBody {
     /// A body without mass and shape, at which something else collides.
-    pub(super) fn fixed(common: Common, location: Isometry3<f64>, surface: Surface, collision_groups: Vec<u32>) -> Self {
+    pub(super) fn fixed(
+        common: Common,
+        location: Isometry3<f64>,
+        surface: Surface,
+        collision_groups: Vec<u32>,
+    ) -> Self {
         Self {
             common,
             location,

@@ -399,7 +399,10 @@ mod tests {
         assert_eq!(carrier.location.translation.vector, Vector3::new(1.0, 2.0, 3.0));
         let [v, w, x] = &model.volumes[..] else { panic!() };
         assert_eq!((v.parent.as_str(), v.location, v.has_location), ("BODY v", Isometry3::identity(), true));
-        assert_eq!((w.parent.as_str(), &w.contact, w.location.translation.x), ("B", &Some(VolumeContact::default()), 1.0));
+        assert_eq!(
+            (w.parent.as_str(), &w.contact, w.location.translation.x),
+            ("B", &Some(VolumeContact::default()), 1.0)
+        );
         assert_eq!((x.parent.as_str(), &x.contact), ("", &None));
         let text = "volumes: [V]\nbodies: [B]\nB: {mass: 0}\nV: {parent: B, contact: {restitution: 0}}\n";
         let (_, problems) = read::<Model>(text);
