@@ -232,7 +232,8 @@ fn cuts_and_tools_open_a_hole_for_a_ball() {
     folder.write(
         "model.yaml",
         "volumes: [VOLUME bone]\nVOLUME bone: {name: bone, nrrd: v.nrrd, contact: true, \
-         tools: [{body: BODY drill, tip: {radius: 0.002}, rate: 1.0e-6, on: false}]}\n\
+         tools: [{body: BODY drill, tip: {radius: 0.002}, rate: 1.0e-6, on: false, \
+         burrs: [{radius: 0.002, rate: 1.0e-6}]}]}\n\
          bodies: [BODY ball, BODY drill]\n\
          BODY ball: {name: ball, mass: 0.001, location: {position: {x: 0, y: 0, z: 0.0045}}, collision shape: Sphere, \
          collision geometry: {radius: 0.0015}, restitution: 0}\n\
@@ -249,8 +250,9 @@ fn cuts_and_tools_open_a_hole_for_a_ball() {
     close(height(cut, 100), 0.0045, 1e-4);
     close(height(cut, 400), -0.0015, 5e-4);
     assert!(height("100|399|TOOL|bone|0 1\n", 400) < 0.0025, "the drill is at 1 mm");
-    close(height("0|0|TOOL|bone|0 0 0.001\n", 400), 0.0045, 1e-4);
-    folder.write("commands.txt", "5|9|CUT|bone|0 0 0 0 0 1 1e300\n");
+    close(height("0|0|TOOL|bone|0 0 0.002\n", 400), 0.0045, 1e-4);
+    // What a volume refuses ends the run.
+    folder.write("commands.txt", "5|9|TOOL|bone|0 1 0.001\n");
     let ran = folder.run("-a model.yaml --world world.yaml --commands commands.txt --steps 10");
-    assert!(ran.status != 0 && ran.stderr.contains("commands.txt:1: step 5"), "{ran:?}");
+    assert!(ran.status != 0 && ran.stderr.contains("commands.txt:1: step 5: no burr"), "{ran:?}");
 }

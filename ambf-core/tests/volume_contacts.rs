@@ -367,6 +367,19 @@ fn a_box_on_rough_bone_comes_to_rest_and_costs_little() {
             eprintln!("{profile:?} {} {}: {cost:.0} us a step, moved {way:.1e} m", grid.size()[0], &shape[..24]);
             assert!(pose(&on, 0).translation.z > top + 0.003, "{}", pose(&on, 0));
             assert!(way < 2e-4 || shape == BALL, "{profile:?}: {way}");
+            // A cavity that is cut below it, a little in each step: the surface at up to 27 bricks is made again each time.
+            let begin = processor_time();
+            for i in 0..100 {
+                let at = Isometry3::translation(0.0, -0.003 + 6e-5 * f64::from(i), top - 0.003);
+                let to = Isometry3::translation(0.0, 6e-5, 0.0) * at;
+                let shape = Shape::Sphere { radius: 5e-4 };
+                let cut = CarveCommand { shape, from: at, to, in_world: true, rule: Rule::All };
+                on.carve(VOLUME, &cut).expect("a cut");
+                on.step(1).expect("it holds");
+            }
+            let cost = (processor_time() - begin) / 100.0 * 1e6;
+            eprintln!("    {cost:.0} us with a cut in each step");
+            assert!((pose(&on, 0).translation.z - from.translation.z).abs() < 2e-4, "{profile:?}: {}", pose(&on, 0));
         }
     }
 }

@@ -31,7 +31,7 @@ pub(super) struct VolumePart {
 /// Three indices as numbers of the grid.
 ///
 /// # Safety
-/// `raw` is null or points at three numbers, none of them negative.
+/// `raw` points at three numbers, none of them negative.
 unsafe fn indices(raw: *const i32) -> [usize; 3] {
     // SAFETY: that is the contract.
     unsafe { std::array::from_fn(|axis| *raw.add(axis) as usize) }
