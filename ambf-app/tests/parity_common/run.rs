@@ -68,7 +68,7 @@ pub fn simulate(case: &Case, steps: &[u64], start: Start) -> Recording {
     };
     recording.joints.names = simulation.scene().joints.iter().map(|joint| joint.name.clone()).collect();
     let mut wanted = steps.iter().copied().peekable();
-    commands.apply(&mut simulation, 0);
+    commands.apply(&mut simulation, 0, 0.001).unwrap();
     for step in 0..=case.steps {
         if step > 0 {
             simulation.update(0.001).unwrap_or_else(|error| panic!("{}: {error}", case.name));
@@ -80,7 +80,7 @@ pub fn simulate(case: &Case, steps: &[u64], start: Start) -> Recording {
             record(&simulation, step, &mut recording);
         }
         if step > 0 {
-            commands.apply(&mut simulation, step);
+            commands.apply(&mut simulation, step, 0.001).unwrap();
         }
     }
     assert_eq!(wanted.next(), None, "{}: more rows than steps", case.name);

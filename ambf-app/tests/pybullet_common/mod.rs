@@ -132,7 +132,7 @@ fn start(run: &Run, options: &SceneOptions) -> Simulation {
         let names: Vec<_> = simulation.scene().bodies.iter().map(|body| body.identity.name.to_string()).collect();
         let commands =
             Commands::parse(&text, &file.display().to_string(), &Targets::new(simulation.scene(), &names)).unwrap();
-        commands.apply(&mut simulation, 0);
+        commands.apply(&mut simulation, 0, run.dt).unwrap();
     }
     simulation
 }
