@@ -420,7 +420,8 @@ fn worlds_have_surfaces_of_their_own() {
     let text = std::fs::read_to_string(on.folder.path().join("model.yaml")).expect("it is there");
     let mut other = stepper(on.folder.path(), Profile::Legacy, DOWN, &text);
     on.carve(VOLUME, &hole(0.004)).expect("a cut");
-    (on.step(200).expect("it holds"), other.step(200).expect("it holds"));
+    on.step(200).expect("it holds");
+    other.step(200).expect("it holds");
     assert!(pose(&on, 0).translation.z < 0.002 && (pose(&other, 0).translation.z - TOP - 0.002).abs() < 5e-5);
     let voxels = |stepper: &Stepper| Arc::clone(stepper.snapshot().voxels[VOLUME].as_ref().expect("voxels"));
     assert_ne!(voxels(&on).count_solid(), voxels(&other).count_solid());
