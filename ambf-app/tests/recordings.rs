@@ -308,3 +308,54 @@ fn times_are_those_of_a_recording_that_begins_late() {
     live.until("500 updates from 2.000 to 2.500 s");
     live.until("late.mcap is over");
 }
+
+/// What moves a gripper by a hand's Falcon, which feels it.
+const FALCON: &str = "input devices: [Right Hand]\n\
+    Right Hand: {hardware name: Falcon, driver settings: {transport: fake}, simulated multibody: tool.yaml, \
+      workspace scaling: 5, controller gain: {linear: {P: 200, I: 0, D: 25}}, \
+      haptic gain: {linear: 100, angular: 0}, button mapping: {a1: 1, g1: 0}, pair cameras: [main_camera]}\n";
+
+const TOOL: &str = "bodies: [BODY Tool]\nnamespace: /t/\n\
+    BODY Tool: {name: Tool, mass: 0.2, collision shape: Sphere, collision geometry: {radius: 0.1}}\n";
+
+#[test]
+fn what_a_device_did_is_replayed_without_it() {
+    for profile in ["legacy", "accurate"] {
+        let folder = folder();
+        folder.write("devices.yaml", FALCON);
+        folder.write("tool.yaml", TOOL);
+        folder.write(
+            "launch.yaml",
+            &format!(
+                "world config: {0}/world/world.yaml\ncolor config: {0}/colors.yaml\n\
+                 input devices config: devices.yaml\nmultibody configs: [m.yaml]\n",
+                resources().canonicalize().expect("resources").display()
+            ),
+        );
+        let arguments = "--launch_file launch.yaml -l 0 -i 0 -e 1 --record a.mcap";
+        let mut live = Live::start(&folder, &format!("{arguments} --profile {profile}"));
+        live.until("device Right Hand [Falcon");
+        // It is homed within two seconds, then the hand moves in circles and presses buttons.
+        std::thread::sleep(Duration::from_millis(5000));
+        assert_eq!(live.interrupt(), Some(0));
+
+        // Without any device: the hash of each thousandth state is compared, or the replay ends with status 4.
+        let replayed = folder.succeed("--replay a.mcap --json --trace a --every 20");
+        assert!(!replayed.stderr.contains("is not whole"), "{replayed:?}");
+        let (_, updates) = last_state(&folder, "a.mcap");
+        assert!(replayed.stdout.contains(&format!("\"steps\":{updates}")) && updates > 2000, "{}", replayed.stdout);
+        let places: Vec<f64> = read(&folder, "a_bodies.csv")
+            .lines()
+            .filter(|line| line.contains("Tool,"))
+            .map(|line| line.split(',').nth(4).and_then(|cell| cell.parse().ok()).expect("a number"))
+            .collect();
+        let span = places.iter().fold((f64::MAX, f64::MIN), |(low, high), &x| (low.min(x), high.max(x)));
+        assert!(span.1 - span.0 > 0.05, "the hand moved it: {span:?}");
+
+        // In real time, with the state of the end.
+        let (hash, _) = last_state(&folder, "a.mcap");
+        let mut live = Live::start(&folder, "--replay a.mcap -s 20");
+        let line = live.until("a.mcap is over");
+        assert!(line.contains(&hash), "{line}: {hash}");
+    }
+}
