@@ -130,7 +130,8 @@ def sample(
         columns = mapping.columns(recording.simulation)
         viewpoints = {name: picture.viewpoint(name, recording.simulation) for name, picture in mapping.images.items()}
         notes = _notes(recording, more)
-        begin = recording.simulation.sim_time
+        start = _start(recording, mapping.begin)
+        begin = recording.simulation.sim_time if start is None else start
         times: List[float] = []
         rows: Dict[str, List[List[float]]] = {name: [] for name in columns}
         instructions: List[str] = []
@@ -138,7 +139,7 @@ def sample(
         opened: Dict[str, Video] = {}
         sums: Dict[str, List[NDArray[np.float64]]] = {name: [] for name in mapping.images}
         try:
-            for simulation in recording.sample(mapping.rate):
+            for simulation in recording.sample(mapping.rate, start):
                 times.append(simulation.sim_time - begin)
                 for name, parts in columns.items():
                     rows[name].append([number for part in parts for number in part.read(recording)])
@@ -175,6 +176,16 @@ def sample(
         problem=recording.problem,
         picture_stats={name: _picture_stats(numbers) for name, numbers in sums.items()},
     )
+
+
+def _start(recording: Recording, note: str) -> Optional[float]:
+    """Simulated time of the first note of that name, s; None if there is no name. Raises ExportError."""
+    if not note:
+        return None
+    for time, text in recording.notes:
+        if text.split(":", 1)[0].strip() == note:
+            return time
+    raise ExportError(f"{recording.path}: mapping, `begin: {note}`: no note of this name is in it")
 
 
 def _instruction(notes: Sequence[Tuple[float, str]], time: float) -> str:

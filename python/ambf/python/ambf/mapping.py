@@ -21,7 +21,7 @@ Read = Callable[[Recording], Sequence[float]]
 Place = Callable[[Recording], Array]
 """A pose of the present moment, world: (7) position, m, and quaternion x, y, z, w."""
 
-_KEYS = ("rate", "robot type", "task", "features", "texts", "images")
+_KEYS = ("rate", "robot type", "task", "begin", "features", "texts", "images")
 _AXES = {3: ("x", "y", "z"), 4: ("x", "y", "z", "w"), 6: ("fx", "fy", "fz", "tx", "ty", "tz")}
 _TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 _IDENTITY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -65,6 +65,8 @@ class MappingOf:
     rate: float = 30.0
     robot_type: str = "ambf"
     task: str = "simulated"
+    begin: str = ""
+    """Name of a note, what stands before its colon: frames begin with the first of it. Empty: with the recording."""
     features: Dict[str, List[Dict[str, Any]]] = field(default_factory=dict)
     """Entries of `observation.state`, `action` and others, as they stand in the file; empty: all joints."""
     texts: Dict[str, str] = field(default_factory=dict)
@@ -98,6 +100,7 @@ class MappingOf:
         made.rate = float(rate)
         made.robot_type = str(read.get("robot type", made.robot_type))
         made.task = str(read.get("task", made.task))
+        made.begin = str(read.get("begin", made.begin))
         features = read.get("features", {})
         if not isinstance(features, dict) or not all(isinstance(entries, list) for entries in features.values()):
             raise ExportError(f"{path}: `features`: expected names, each with a list of entries")
@@ -217,7 +220,7 @@ def _column(simulation: Simulation, feature: str, entry: Any) -> Column:
     where = f"mapping, `features / {feature}`"
     if not isinstance(entry, dict) or "from" not in entry:
         raise ExportError(f"{where}: expected {{from: QUANTITY, of: NAME}}, not {entry!r}")
-    _check_keys(where, entry, ("from", "of", "in", "name", "offset"))
+    _check_keys(where, entry, ("from", "of", "in", "name", "offset", "count"))
     what, of = str(entry["from"]), entry.get("of", "")
     joints: Dict[str, Callable[[Recording], Array]] = {
         "joint position": lambda r: r.simulation.joint_positions,
@@ -241,18 +244,39 @@ def _column(simulation: Simulation, feature: str, entry: Any) -> Column:
         place = _joint(simulation, where, str(of))
         names = [f"{name}.{axis}" for axis in _AXES[6]]
         return Column(names, lambda r: [float(number) for number in r.simulation.joint_wrenches[place]])
+    if what == "note":
+        count = entry.get("count", 1)
+        if not isinstance(count, int) or not 1 <= count <= 1000:
+            raise ExportError(f"{where}: `count`: {count!r}; expected how many numbers the note has")
+        names = [name] if count == 1 else [f"{name}.{index}" for index in range(count)]
+        return Column(names, lambda r: _noted(r, str(of), count, where))
     if what == "twist":
         twist = _twist_of(simulation, str(of), where)
         return Column([f"{name}.twist.{axis}" for axis in _TWIST], lambda r: [float(n) for n in twist(r)])
     parts = {"position": slice(0, 3), "orientation": slice(3, 7)}
     part = parts.get(what.removeprefix("target "))
     if part is None:
-        known = ", ".join([*joints, "joint wrench", "twist", *parts, *(f"target {part}" for part in parts)])
+        known = ", ".join([*joints, "joint wrench", "twist", "note", *parts, *(f"target {part}" for part in parts)])
         raise ExportError(f"{where}: `from: {what}` is not known; expected one of {known}")
     body = target_of(simulation, str(of), where) if what.startswith("target ") else place_of(simulation, str(of), where)
     fixed, frame = _offset(where, entry), _frame(simulation, where, entry.get("in"))
     names = [f"{name}.{what.removeprefix('target ')}.{axis}" for axis in _AXES[part.stop - part.start]]
     return Column(names, lambda r: [float(number) for number in frame(r, compose(body(r), fixed))[part]])
+
+
+def _noted(recording: Recording, name: str, count: int, where: str) -> List[float]:
+    """The numbers of the newest note of that name: `goal: 0.1 0.2 0.3`. Raises ExportError."""
+    now = recording.simulation.sim_time + 1e-9
+    texts = [text.split(":", 1)[1] for time, text in recording.notes if time <= now and text.startswith(f"{name}:")]
+    try:
+        numbers = [float(word) for word in texts[-1].replace(",", " ").split()] if texts else []
+    except ValueError as error:
+        raise ExportError(f"{recording.path}: note `{name}:{texts[-1]}`: {error}") from error
+    if len(numbers) != count:
+        raise ExportError(
+            f"{recording.path}: {where}: at {now:.3f} s the newest note `{name}` has {len(numbers)} numbers; expected {count}"
+        )
+    return numbers
 
 
 def _offset(where: str, entry: Mapping[Any, Any]) -> Array:
