@@ -47,7 +47,10 @@ class Scene:
         self.options = {"profile": "accurate", "step": step, **options}
 
     def run(self, steps, file):
-        """Makes steps, recorded into `file` unless that is None: processor time of an iteration in this thread, of all others, µs, and MB a minute."""
+        """Makes steps, recorded into `file` unless that is None.
+
+        Processor time of an iteration in this thread and in all others, µs; MB a simulated minute.
+        """
         with ambf.Simulation(**self.options) as simulation:
             if file is not None:
                 simulation.record(file)
@@ -149,7 +152,7 @@ def devices(folder, rounds, seconds):
     )
     found = {False: [], True: []}
     for turn in range(rounds):
-        for is_recorded in found:
+        for is_recorded, of in found.items():
             more = ["--record", folder / f"device{turn}.mcap"] if is_recorded else []
             program = Program("--no_ros", "--launch_file", launch, "-l", "0", "-i", "0", "-e", "1", *more)
             time.sleep(seconds)
@@ -157,7 +160,7 @@ def devices(folder, rounds, seconds):
             rates = re.findall(r"Right Hand \[Falcon\]: .*periods p50 ([\d.]+), p99 ([\d.]+)", said)
             if not rates:
                 raise RuntimeError(said)
-            found[is_recorded].append(tuple(map(float, rates[-1])))
+            of.append(tuple(map(float, rates[-1])))
     names = {False: "without a recording", True: "recorded"}
     return [
         f"| {names[is_recorded]} | {statistics.median(p50 for p50, _ in of):.2f} | {statistics.median(p99 for _, p99 in of):.2f} |"
@@ -186,7 +189,9 @@ def bags(folder, rounds, seconds):
             if "rosbag" in way:
                 words = [shutil.which("rosbag"), "record", "--quiet", "-a", "-O", str(file)]
                 environment = {**os.environ, **variables, "ROS_LOG_DIR": str(folder)}
-                recorder = subprocess.Popen(words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                recorder = subprocess.Popen(
+                    words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+                )
                 time.sleep(2.0)
             children = [program.pid, *([] if recorder is None else family(recorder.pid))]
             before = [processor_time(pid) for pid in children]
@@ -201,7 +206,8 @@ def bags(folder, rounds, seconds):
             size = file.stat().st_size / 1e6 / (lasted / 60.0) if file.exists() else 0.0
             of.append((used[0], sum(used[1:]), size))
     return [
-        f"| {way} | " + " | ".join(f"{statistics.median(column):.1f}" for column in zip(*of)) + " |" for way, of in ways.items()
+        f"| {way} | " + " | ".join(f"{statistics.median(column):.1f}" for column in zip(*of)) + " |"
+        for way, of in ways.items()
     ]
 
 
@@ -223,9 +229,11 @@ def main():
         folder = Path(name)
         parts = [
             f"Machine: {platform.machine()}, {os.cpu_count()} cores, Linux {platform.release()}; load average before: {load}. "
-            f"Simulator: {ambf.__version__}, {Path(os.environ['AMBF_SIMULATOR']).parent.name}. Medians of {rounds} rounds; with and without by turns.",
-            "### Iterations\n\nProcessor time of an iteration in the thread that makes it, µs, with what Python takes to command it; the ratio "
-            "is the median of the rounds' (smallest to largest). *Beside*: what other threads take of the processor, above all the one that writes.",
+            f"Simulator: {ambf.__version__}, {Path(os.environ['AMBF_SIMULATOR']).parent.name}. Medians of {rounds} rounds; with and "
+            "without by turns.",
+            "### Iterations\n\nProcessor time of an iteration in the thread that makes it, µs, with what Python takes to command it; the "
+            "ratio is the median of the rounds' (smallest to largest). *Beside*: what other threads take of the processor, above all the "
+            "one that writes.",
             "| scene | without, µs | recorded, µs | ratio | beside, µs | MB a simulated minute |\n|---|--:|--:|--:|--:|--:|\n"
             + "\n".join(cost(folder, rounds, 1.0)),
             "### The loop of an input device\n\nPeriods of a Falcon's loop in `ambf_simulator`, ms.",

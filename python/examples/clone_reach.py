@@ -1,4 +1,4 @@
-"""Closes the loop: a script's episodes are recorded, exported, learnt from the exported file, and the learnt policy is run: clone_reach.py [FOLDER]
+"""A script's episodes are recorded, exported, learnt from the exported file, and what was learnt is run: clone_reach.py [FOLDER]
 
 1. A script reaches the goals of `ambf/Reach-v0` by the arm's Jacobian; each episode is recorded (`env.unwrapped.record`).
 2. The recordings are exported for robomimic, by the mapping `reach`.
@@ -77,11 +77,12 @@ class Network:
         first, second = ([np.zeros_like(part) for part in self._parts] for _ in range(2))
         for count in range(1, rounds + 1):
             rows = rng.integers(len(x), size=256)
-            for part, m, v, slope in zip(self._parts, first, second, self._slopes(x[rows], y[rows])):
-                m += 0.1 * (slope - m)
-                v += 0.001 * (slope**2 - v)
-                rate = 2e-3 * (1.0 - count / rounds)
-                part -= rate * (m / (1.0 - 0.9**count)) / (np.sqrt(v / (1.0 - 0.999**count)) + 1e-8)
+            rate = 2e-3 * (1.0 - count / rounds)
+            for i, slope in enumerate(self._slopes(x[rows], y[rows])):
+                first[i] += 0.1 * (slope - first[i])
+                second[i] += 0.001 * (slope**2 - second[i])
+                mean, square = first[i] / (1.0 - 0.9**count), second[i] / (1.0 - 0.999**count)
+                self._parts[i] -= rate * mean / (np.sqrt(square) + 1e-8)
 
     def _layers(self, x: Array) -> list[Array]:
         layers = [x]
@@ -142,7 +143,9 @@ def evaluate(env: Any, policy_of: Callable[[Any], Policy], episodes: int) -> dic
 def main() -> None:
     """All four steps."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, nargs="?", help="for recordings and data set; must not be there [a temporary one]")
+    parser.add_argument(
+        "folder", type=Path, nargs="?", help="for recordings and data set; must not be there [a temporary one]"
+    )
     parser.add_argument("--episodes", type=int, default=10, help="recorded ones [10]")
     parser.add_argument("--tests", type=int, default=50, help="episodes of each policy in the end [50]")
     parser.add_argument("--seed", type=int, default=1, help="of the network and of random actions [1]")

@@ -37,7 +37,7 @@ def can_draw(simulation):
 
 def probe(file):
     """What `ffprobe` says about the stream of a video, every frame of which it decodes."""
-    words = "-v error -count_frames -select_streams v:0 -show_streams -of json".split()
+    words = ["-v", "error", "-count_frames", "-select_streams", "v:0", "-show_streams", "-of", "json"]
     done = subprocess.run(["ffprobe", *words, str(file)], check=True, capture_output=True, text=True)
     (stream,) = json.loads(done.stdout)["streams"]
     return stream
@@ -71,7 +71,7 @@ class Session:
 
     @staticmethod
     def drive(sim, episode):
-        """0.3 s; by simulated time, the 16 numbers that the topics of both arms say of where they are, and as many of where they are to be."""
+        """0.3 s; by simulated time, 16 numbers that the topics of both arms say of where they are, and 16 of where they are to be."""
         arms = [sim.arm(name) for name in ARMS]
         said = {}
         for i in range(60):

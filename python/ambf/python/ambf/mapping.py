@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .errors import ExportError, NotFoundError, TreeError
 from .names import find
@@ -174,9 +175,9 @@ def _check_keys(where: str, read: Mapping[Any, Any], known: Sequence[str]) -> No
         raise ExportError(f"{where}: unknown key `{unknown[0]}`; expected {', '.join(known)}")
 
 
-def _three(where: str, read: Mapping[Any, Any], key: str, default: Sequence[float]) -> Array:
+def _three(where: str, read: Mapping[Any, Any], key: str, default: ArrayLike) -> Array:
     """Numbers x, y, z."""
-    numbers = read.get(key, dict(zip("xyz", default)))
+    numbers = read.get(key, dict(zip("xyz", np.asarray(default).tolist())))
     if not isinstance(numbers, dict) or set(numbers) != set("xyz") or not _are_numbers(numbers.values()):
         raise ExportError(f"{where}: `{key}`: {numbers!r}; expected {{x: NUMBER, y: NUMBER, z: NUMBER}}")
     return np.array([float(numbers[axis]) for axis in "xyz"])
@@ -192,8 +193,8 @@ def _picture(where: str, image: Any) -> Picture:
     if not isinstance(image, dict) or not {"camera", "parent"} & set(image):
         raise ExportError(f"{where}: expected {{camera: NAME, width: PIXELS, height: PIXELS}}, or a parent: NAME")
     _check_keys(where, image, keys)
-    size = [image.get(key, value) for key, value in (("width", 640), ("height", 480))]
-    if not all(isinstance(pixels, int) and 2 <= pixels <= 16384 and pixels % 2 == 0 for pixels in size):
+    width, height = image.get("width", 640), image.get("height", 480)
+    if not all(isinstance(pixels, int) and 2 <= pixels <= 16384 and pixels % 2 == 0 for pixels in (width, height)):
         raise ExportError(f"{where}: width and height must be even numbers of pixels, 2 to 16384")
     angle = image.get("field view angle")
     if angle is not None and not (isinstance(angle, (int, float)) and 0.0 < angle < math.pi):
@@ -203,16 +204,16 @@ def _picture(where: str, image: Any) -> Picture:
         misplaced = [key for key in ("location", "look at", "up") if key in image]
         if misplaced:
             raise ExportError(f"{where}: `{misplaced[0]}` is of a camera with a parent: {{parent: NAME}}")
-        return Picture(camera, *size, field_view_angle=angle)
+        return Picture(camera, width, height, field_view_angle=angle)
     location = _three(where, image, "location", (0.0, 0.0, 0.0))
-    forward = _three(where, image, "look at", location - (1.0, 0.0, 0.0)) - location
+    forward = _three(where, image, "look at", location - [1.0, 0.0, 0.0]) - location
     up = _three(where, image, "up", (0.0, 0.0, 1.0))
     right = np.cross(forward, up)
     if np.linalg.norm(right) < 1e-9 * np.linalg.norm(forward) * np.linalg.norm(up) or not forward.any():
         raise ExportError(f"{where}: `look at` must be away from `location`, and `up` across that direction")
     x, y = -forward / np.linalg.norm(forward), right / np.linalg.norm(right)
     rotation = quaternion_of(np.column_stack((x, y, np.cross(x, y))))
-    return Picture(camera, *size, parent=parent, offset=np.append(location, rotation), field_view_angle=angle)
+    return Picture(camera, width, height, parent=parent, offset=np.append(location, rotation), field_view_angle=angle)
 
 
 def _column(simulation: Simulation, feature: str, entry: Any) -> Column:

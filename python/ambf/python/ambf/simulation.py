@@ -614,7 +614,7 @@ class Simulation(Arrays):
         height: Optional[int] = None,
         *,
         samples: int = 1,
-        pose: Optional[Sequence[float]] = None,
+        pose: Optional[ArrayLike] = None,
         field_view_angle: Optional[float] = None,
     ) -> NDArray[np.uint8]: ...
 
@@ -630,7 +630,7 @@ class Simulation(Arrays):
         ids: bool = False,
         normals: bool = False,
         samples: int = 1,
-        pose: Optional[Sequence[float]] = None,
+        pose: Optional[ArrayLike] = None,
         field_view_angle: Optional[float] = None,
     ) -> Any: ...
 
@@ -645,7 +645,7 @@ class Simulation(Arrays):
         ids: bool = False,
         normals: bool = False,
         samples: int = 1,
-        pose: Optional[Sequence[float]] = None,
+        pose: Optional[ArrayLike] = None,
         field_view_angle: Optional[float] = None,
     ) -> Any:
         """What a camera sees of the states that the arrays hold: an array, or a dict of arrays if several are asked for.
@@ -680,7 +680,7 @@ class Simulation(Arrays):
         if field_view_angle is not None and not 0.0 < field_view_angle < math.pi:
             raise ValueError(f"field_view_angle={field_view_angle}: expected an angle above 0 and below pi, rad")
         size = _pixels("width", width), _pixels("height", height)
-        place = None if pose is None else [float(number) for number in pose]
+        place = None if pose is None else np.asarray(pose, np.float64).ravel().tolist()
         if place is not None and len(place) != 7:
             raise ValueError(f"pose: {len(place)} numbers; expected 7")
         planes = (rgb, depth, ids, normals)

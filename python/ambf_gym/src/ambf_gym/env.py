@@ -193,13 +193,16 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         return outcome
 
     def record(self, file: Union[str, os.PathLike[str]]) -> None:
-        """Records the next episode, from its reset on, into a file that is not there yet, such as `episode.mcap`; until the reset after, `close`
-        or `stop_recording`. A note `goal:` with the numbers of the goal is where it begins. `ambf_export` makes data sets of recordings.
+        """Records the next episode, from its reset on, into a file that is not there yet, such as `episode.mcap`; until the reset after,
+        `close` or `stop_recording`. A note `goal:` with the numbers of the goal stands where the first step begins. `ambf_export` makes
+        data sets of recordings.
 
         In this process only, and not for environments that are stepped together: InvalidDescription.
         """
         if self._recorder is None:
-            raise InvalidDescription("episodes are recorded in this process only: make the environment with in_process=True")
+            raise InvalidDescription(
+                "episodes are recorded in this process only: make the environment with in_process=True"
+            )
         self._record_into = os.fspath(file)
 
     def stop_recording(self) -> Optional[int]:

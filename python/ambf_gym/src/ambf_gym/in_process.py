@@ -233,12 +233,11 @@ class InProcessBackend:
         self, camera: Optional[str], width: Optional[int], height: Optional[int], rgb: bool, depth: bool
     ) -> Picture:
         """See `Backend.render`. Raises ambf.RenderError where nothing can be drawn."""
-        wanted = {"rgb": rgb, "depth": depth}
         try:
-            found = self.simulation.render(camera, width, height, **wanted)
+            found = self.simulation.render(camera, width, height, rgb=rgb, depth=depth)
         except (ambf.NotFoundError, ValueError) as error:
             raise InvalidDescription(str(error)) from error
-        return found if isinstance(found, dict) else {name: found for name, is_wanted in wanted.items() if is_wanted}
+        return found if isinstance(found, dict) else {"rgb" if rgb else "depth": found}
 
     def show(self) -> None:
         """See `Backend.show`. Opening raises ambf.RenderError without a display."""
