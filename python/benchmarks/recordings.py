@@ -68,7 +68,9 @@ class Scene:
             simulation.record(file.with_suffix(".short.mcap"))
             simulation.step()
             simulation.stop_recording()
-        megabytes = (file.stat().st_size - file.with_suffix(".short.mcap").stat().st_size) / 1e6 / (steps * self.step / 60.0)
+        megabytes = (
+            (file.stat().st_size - file.with_suffix(".short.mcap").stat().st_size) / 1e6 / (steps * self.step / 60.0)
+        )
         return 1e6 * own / steps, 1e6 * (whole - own) / steps, megabytes
 
 
@@ -250,7 +252,8 @@ def main():
         if shutil.which("rosbag"):
             table = bags(folder, rounds // 3 + 1, seconds)
             parts += [
-                "### Beside `rosbag record`\n\nAn arm, a gripper and a model of all joints in real time, with all their topics: processor time, % of a core; whole files.",
+                "### Beside `rosbag record`\n\nAn arm, a gripper and a model of all joints in real time, with all their topics: processor "
+                "time, % of a core; whole files.",
                 "| | simulator, % | rosbag, % | MB a minute |\n|---|--:|--:|--:|\n" + "\n".join(table),
             ]
     file = chosen.folder / "recordings.md"
