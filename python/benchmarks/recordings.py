@@ -235,11 +235,13 @@ def main():
     chosen = parser.parse_args()
     rounds, seconds = (3, 4.0) if chosen.quick else (10, 10.0)
     load = " ".join(f"{number:.2f}" for number in os.getloadavg())
+    build = Path(os.environ["AMBF_SIMULATOR"]).parent.name
+    build = {"debug": "the build of the tests: optimised, with assertions"}.get(build, build)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         parts = [
             f"Machine: {platform.machine()}, {os.cpu_count()} cores, Linux {platform.release()}; load average before: {load}. "
-            f"Simulator: {ambf.__version__}, {Path(os.environ['AMBF_SIMULATOR']).parent.name}. Medians of {rounds} rounds; with and "
+            f"Simulator: {ambf.__version__}, {build}. Medians of {rounds} rounds; with and "
             "without by turns.",
             "### Iterations\n\nProcessor time of an iteration in the thread that makes it, µs, with what Python takes to command it; the "
             "ratio is the median of the rounds' (smallest to largest). *Beside*: what other threads take of the processor, above all the "
