@@ -17,6 +17,9 @@ use crate::{reason, Header, Recording, RecordingError, Timed, STOPPED};
 /// How often a thread that has read far enough ahead looks again.
 const FULL: Duration = Duration::from_millis(5);
 
+/// Most entries that are read ahead for what they command: some thousand bodies and joints.
+const AHEAD: usize = 4096;
+
 /// Why a replay does not go on.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -271,7 +274,7 @@ impl Replay {
 
     /// Notes what is commanded before anything moves. It is followed when the simulation goes on.
     fn look_ahead(&mut self, simulation: &Simulation) {
-        while self.ahead.back().is_none_or(|timed| !moves(&timed.entry)) {
+        while self.ahead.len() < AHEAD && self.ahead.back().is_none_or(|timed| !moves(&timed.entry)) {
             match self.recording.next_entry() {
                 Ok(Some(timed)) => {
                     if !moves(&timed.entry) {
