@@ -308,3 +308,56 @@ fn times_are_those_of_a_recording_that_begins_late() {
     live.until("500 updates from 2.000 to 2.500 s");
     live.until("late.mcap is over");
 }
+
+/// What moves a gripper by a hand's Falcon, which feels it.
+const FALCON: &str = "input devices: [Right Hand]\n\
+    Right Hand: {hardware name: Falcon, driver settings: {transport: fake}, simulated multibody: tool.yaml, \
+      workspace scaling: 5, controller gain: {linear: {P: 200, I: 0, D: 25}}, \
+      haptic gain: {linear: 100, angular: 0}, button mapping: {a1: 1, g1: 0}, pair cameras: [main_camera]}\n";
+
+const TOOL: &str = "bodies: [BODY Tool]\nnamespace: /t/\n\
+    BODY Tool: {name: Tool, mass: 0.2, collision shape: Sphere, collision geometry: {radius: 0.1}}\n";
+
+#[test]
+fn what_a_device_did_is_replayed_without_it() {
+    for profile in ["legacy", "accurate"] {
+        let folder = folder();
+        folder.write("devices.yaml", FALCON);
+        folder.write("tool.yaml", TOOL);
+        folder.write(
+            "launch.yaml",
+            &format!(
+                "world config: {0}/world/world.yaml\ncolor config: {0}/colors.yaml\n\
+                 input devices config: devices.yaml\nmultibody configs: [m.yaml]\n",
+                resources().canonicalize().expect("resources").display()
+            ),
+        );
+        let arguments = "--launch_file launch.yaml -l 0 -i 0 -e 1 --record a.mcap";
+        let mut live = Live::start(&folder, &format!("{arguments} --profile {profile}"));
+        live.until("device Right Hand [Falcon");
+        // It is homed within two seconds, then the hand moves in circles and presses buttons.
+        std::thread::sleep(Duration::from_millis(5000));
+        assert_eq!(live.interrupt(), Some(0));
+
+        // Without any device: the hash of each thousandth state is compared, or the replay ends with status 4.
+        let replayed = folder.succeed("--replay a.mcap --json");
+        assert!(!replayed.stderr.contains("is not whole"), "{replayed:?}");
+        let mut replay = ambf_recording::Replay::open(&folder.path().join("a.mcap")).expect("a recording");
+        let (mut simulation, _) = replay.load(false).expect("its scene");
+        let (mut low, mut high) = (f64::MAX, f64::MIN);
+        while replay.step(&mut simulation).expect("the same") != ambf_recording::Step::End {
+            // The end-effector comes last.
+            let tool = simulation.snapshot().bodies.iter().last().expect("it is there").origin;
+            (low, high) = (low.min(tool[1]), high.max(tool[1]));
+        }
+        let updates = replay.updates();
+        assert!(replayed.stdout.contains(&format!("\"steps\":{updates}")) && updates > 2000, "{}", replayed.stdout);
+        assert!(high - low > 0.05, "the hand moved it: {low} to {high} m");
+        let hash = format!("{:016x}", simulation.state_hash());
+
+        // In real time, with the state of the end.
+        let mut live = Live::start(&folder, "--replay a.mcap -s 20");
+        let line = live.until("a.mcap is over");
+        assert!(line.contains(&hash), "{line}: {hash}");
+    }
+}

@@ -1,6 +1,6 @@
 //! Replaying recordings.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::path::Path;
 use std::time::Duration;
 
@@ -12,10 +12,13 @@ use ambf_core::scene::SceneReport;
 use ambf_core::sim::{playback, EarlyEnd, Entry, LostState, Playback, ReplayError, Replayed, Replayer, Simulation};
 use thiserror::Error;
 
-use crate::{reason, Header, Recording, RecordingError, STOPPED};
+use crate::{reason, Header, Recording, RecordingError, Timed, STOPPED};
 
 /// How often a thread that has read far enough ahead looks again.
 const FULL: Duration = Duration::from_millis(5);
+
+/// Most entries that are read ahead for what they command: some thousand bodies and joints.
+const AHEAD: usize = 4096;
 
 /// Why a replay does not go on.
 #[derive(Debug, Error)]
@@ -37,6 +40,10 @@ pub enum ReplayFailure {
 /// A recording that a simulation follows, update by update.
 pub struct Replay {
     recording: Recording,
+    /// Entries that were read for what they command, and not yet followed.
+    ahead: VecDeque<Timed>,
+    /// Why no more could be read.
+    damage: Option<RecordingError>,
     replayer: Replayer,
     /// Updates of the recording.
     updates: u64,
@@ -51,7 +58,8 @@ pub struct Replay {
     problem: Option<String>,
 }
 
-/// What was commanded last, for data sets of actions.
+/// What was commanded last, for data sets of actions: with what was commanded in the present state, which acts from the next
+/// update on.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Targets {
     /// Positions of joints, rad or m; without those that are commanded otherwise or not at all.
@@ -62,9 +70,12 @@ pub struct Targets {
 
 impl Targets {
     fn note(&mut self, entry: &Entry<'_>, simulation: &Simulation) {
+        let is_there = |body: usize| body < simulation.scene().bodies.len();
         match entry {
-            Entry::Body { body, command } => self.command(BodyId::new(*body), command, simulation),
-            Entry::Joint { body, index, kind, value } => {
+            Entry::Body { body, command } if is_there(*body) => {
+                self.command(BodyId::new(*body), command, simulation);
+            }
+            Entry::Joint { body, index, kind, value } if is_there(*body) => {
                 let joints = simulation.scene().active_joints(BodyId::new(*body));
                 joints.get(*index).into_iter().for_each(|&joint| self.joint(joint, *kind, *value));
             }
@@ -153,6 +164,8 @@ impl Replay {
         let recording = Recording::open(path)?;
         Ok(Self {
             recording,
+            ahead: VecDeque::new(),
+            damage: None,
             replayer: Replayer::new(restored),
             updates,
             start,
@@ -231,6 +244,7 @@ impl Replay {
         if let Some(timed) = self.recording.next_entry()? {
             self.apply(&mut simulation, &timed.entry)?;
         }
+        self.look_ahead(&simulation);
         Ok((simulation, report))
     }
 
@@ -239,14 +253,42 @@ impl Replay {
     /// # Errors
     /// [`ReplayFailure`].
     pub fn step(&mut self, simulation: &mut Simulation) -> Result<Step, ReplayFailure> {
-        while let Some(timed) = self.recording.next_entry()? {
-            match self.apply(simulation, &timed.entry)? {
-                Replayed::Update => return Ok(Step::Update),
-                Replayed::Lost(lost) => return Ok(Step::Lost(lost)),
-                _ => (),
-            }
+        while let Some(timed) = self.next_entry()? {
+            let step = match self.apply(simulation, &timed.entry)? {
+                Replayed::Update => Step::Update,
+                Replayed::Lost(lost) => Step::Lost(lost),
+                _ => continue,
+            };
+            self.look_ahead(simulation);
+            return Ok(step);
         }
         Ok(Step::End)
+    }
+
+    fn next_entry(&mut self) -> Result<Option<Timed>, RecordingError> {
+        if let Some(timed) = self.ahead.pop_front() {
+            return Ok(Some(timed));
+        }
+        self.damage.take().map_or_else(|| self.recording.next_entry(), Err)
+    }
+
+    /// Notes what is commanded before anything moves. It is followed when the simulation goes on.
+    fn look_ahead(&mut self, simulation: &Simulation) {
+        while self.ahead.len() < AHEAD && self.ahead.back().is_none_or(|timed| !moves(&timed.entry)) {
+            match self.recording.next_entry() {
+                Ok(Some(timed)) => {
+                    if !moves(&timed.entry) {
+                        self.targets.note(&timed.entry, simulation);
+                    }
+                    self.ahead.push_back(timed);
+                }
+                Ok(None) => return,
+                Err(error) => {
+                    self.damage = Some(error);
+                    return;
+                }
+            }
+        }
     }
 
     /// Hands what is left of the recording to a simulation that runs in real time: it is read ahead by a thread of its own.
@@ -254,10 +296,18 @@ impl Replay {
     /// # Errors
     /// When no thread can be made.
     pub fn play(self) -> std::io::Result<Playback> {
-        let Self { mut recording, replayer, .. } = self;
+        let Self { mut recording, mut ahead, mut damage, replayer, .. } = self;
         let (mut feed, playback) = playback(replayer);
+        let mut next = move || match (ahead.pop_front(), damage.take()) {
+            (Some(timed), kept) => {
+                damage = kept;
+                Ok(Some(timed))
+            }
+            (None, Some(error)) => Err(error),
+            (None, None) => recording.next_entry(),
+        };
         let read = move || loop {
-            let mut entry = match recording.next_entry() {
+            let mut entry = match next() {
                 Ok(Some(timed)) => timed.entry,
                 Ok(None) => return,
                 Err(error) => return feed.fail(error.to_string()),
@@ -282,6 +332,23 @@ impl Replay {
         self.targets.note(entry, simulation);
         Ok(replayed)
     }
+}
+
+/// Whether a state is another one after an entry, or objects are others, so that what follows is not commanded in the state before.
+fn moves(entry: &Entry<'_>) -> bool {
+    matches!(
+        entry,
+        Entry::Update { .. }
+            | Entry::Again {}
+            | Entry::LoseTime { .. }
+            | Entry::ResetBodies {}
+            | Entry::ResetWorld {}
+            | Entry::Restore { .. }
+            | Entry::State { .. }
+            | Entry::AddModel { .. }
+            | Entry::RemoveModel { .. }
+            | Entry::RemoveBody { .. }
+    )
 }
 
 /// [`Replay::ended`] and [`Replay::problem`] of a recording that was read to its end, or up to `damage`.

@@ -8,7 +8,8 @@ use ambf_core::comm::Snapshot;
 use ambf_core::ids::CameraId;
 use ambf_core::scene::VisualScene;
 use ambf_render::{camera_labels, find_camera, object_label, published_size, NoSuchCamera};
-use ambf_render::{PictureRequest, Planes, RenderError, Renderer, Stage, View};
+use ambf_render::{PictureRequest, Planes, Projection, RenderError, Renderer, Stage, View};
+use nalgebra::Isometry3;
 use parking_lot::Mutex;
 
 /// Messages that are kept; further ones are dropped.
@@ -24,6 +25,8 @@ pub struct Moment {
 pub struct Wanted {
     /// Of which camera.
     pub camera: CameraId,
+    /// What it is taken with.
+    pub view: View,
     pub size: (u32, u32),
     pub rgb: bool,
     pub depth: bool,
@@ -99,6 +102,16 @@ impl Moment {
     pub fn view(&self, camera: CameraId) -> View {
         View::of_camera(&self.visuals.cameras[camera].description, &self.snapshot.views[camera])
     }
+
+    /// View of a camera, from another pose and with another vertical field of view, rad, where these are given.
+    pub fn view_from(&self, camera: CameraId, pose: Option<Isometry3<f64>>, angle: Option<f64>) -> View {
+        let view = self.view(camera);
+        View {
+            pose: pose.unwrap_or(view.pose),
+            projection: angle.map_or(view.projection, Projection::Perspective),
+            ..view
+        }
+    }
 }
 
 impl Drawing {
@@ -117,7 +130,7 @@ impl Drawing {
             ids.resize(arrays.ids.len(), [0; 2]);
             let (normals, _) = arrays.normals.as_chunks_mut();
             let planes = Planes { color: arrays.rgb, depth: arrays.depth, ids, normals };
-            let (_, messages) = renderer.render_into(stage, &moment.view(wanted.camera), &request, planes)?;
+            let (_, messages) = renderer.render_into(stage, &wanted.view, &request, planes)?;
             for (to, [object, _]) in arrays.ids.iter_mut().zip(ids) {
                 *to = i32::try_from(*object).unwrap_or(i32::MAX);
             }

@@ -1089,11 +1089,14 @@ impl World {
         ids: bool,
         normals: bool,
         samples: u32,
+        pose: Option<[f64; 7]>,
+        field_view_angle: Option<f64>,
     ) -> PyResult<Vec<(&'static str, Bound<'py, PyAny>)>> {
         let moment = self.moment(py)?;
         let camera = moment.camera(camera.as_deref()).map_err(|problem| errors::camera(py, &problem))?;
         let size = moment.size(camera, width, height);
-        let wanted = drawing::Wanted { camera, size, rgb, depth, ids, normals, samples };
+        let view = moment.view_from(camera, pose.map(tree::pose_of).transpose()?, field_view_angle);
+        let wanted = drawing::Wanted { camera, view, size, rgb, depth, ids, normals, samples };
         let shape = [size.1 as usize, size.0 as usize];
         let colors = [shape[0], shape[1], 3];
         // Other sizes are refused before anything is drawn.

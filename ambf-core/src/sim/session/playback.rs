@@ -1,13 +1,14 @@
 //! A recording on its way to a simulation that runs in real time.
 //!
-//! A thread reads it, at the [`Feed`]; the physics thread follows it, at the [`Playback`], without waiting for a disk. What
-//! was followed goes back, so that memory is freed where it was taken.
+//! A thread reads it, and the models that are added in it, at the [`Feed`]; the physics thread follows it, at the
+//! [`Playback`], without waiting for a disk. What was followed goes back, so that memory is freed where it was taken.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
 
 use rtrb::{Consumer, Producer, RingBuffer};
 
+use super::replay::{prepared, Prepared};
 use super::{Entry, ReplayError, Replayed, Replayer};
 use crate::sim::{LostState, Simulation};
 
@@ -17,6 +18,12 @@ const AHEAD: usize = 4096;
 /// long.
 const AHEAD_BYTES: usize = 64 << 20;
 
+/// An entry, and what was read for it.
+struct Ahead {
+    entry: Entry<'static>,
+    prepared: Option<Box<Prepared>>,
+}
+
 /// The reader's end. Dropping it ends the recording.
 pub struct Feed {
     /// Bytes of each entry that is under way, in order, and of all.
@@ -24,14 +31,14 @@ pub struct Feed {
     bytes: usize,
     /// An entry that is measured.
     written: Vec<u8>,
-    entries: Producer<Entry<'static>>,
+    entries: Producer<Ahead>,
     used: Consumer<Entry<'static>>,
     problem: Arc<OnceLock<String>>,
 }
 
 /// The physics thread's end.
 pub struct Playback {
-    entries: Consumer<Entry<'static>>,
+    entries: Consumer<Ahead>,
     used: Producer<Entry<'static>>,
     problem: Arc<OnceLock<String>>,
     replayer: Replayer,
@@ -57,7 +64,7 @@ pub fn playback(replayer: Replayer) -> (Feed, Playback) {
 }
 
 impl Feed {
-    /// Hands the next entry over; gives it back while there is no room for it.
+    /// Hands the next entry over; gives it back while there is no room for it. Reads the files of a model that is added.
     pub fn push(&mut self, entry: Entry<'static>) -> Option<Entry<'static>> {
         // They come back in the order in which they went.
         while self.used.pop().is_ok() {
@@ -70,9 +77,10 @@ impl Feed {
         entry.write(&mut self.written);
         self.sizes.push_back(self.written.len());
         self.bytes += self.written.len();
-        match self.entries.push(entry) {
+        let prepared = prepared(&entry);
+        match self.entries.push(Ahead { entry, prepared }) {
             Ok(()) => None,
-            Err(rtrb::PushError::Full(entry)) => Some(entry),
+            Err(rtrb::PushError::Full(Ahead { entry, .. })) => Some(entry),
         }
     }
 
@@ -111,7 +119,7 @@ impl Playback {
         loop {
             // Looked at first, so that nothing comes after what is taken now.
             let is_last = self.entries.is_abandoned();
-            let Ok(entry) = self.entries.pop() else {
+            let Ok(Ahead { entry, prepared }) = self.entries.pop() else {
                 return Ok(if is_last { Played::End } else { Played::Waits });
             };
             match entry {
@@ -119,7 +127,7 @@ impl Playback {
                 Entry::LoseTime { seconds } => self.passed += seconds,
                 _ => (),
             }
-            let replayed = self.replayer.apply(simulation, &entry);
+            let replayed = self.replayer.apply_prepared(simulation, &entry, prepared);
             let is_change = is_change(&entry);
             self.give_back(entry);
             match replayed? {
@@ -140,9 +148,9 @@ impl Playback {
     /// # Errors
     /// [`ReplayError`]; the replay cannot go on.
     pub(in crate::sim) fn exchange(&mut self, simulation: &mut Simulation) -> Result<(), ReplayError> {
-        while self.entries.peek().is_ok_and(is_command) {
-            let Ok(entry) = self.entries.pop() else { break };
-            let replayed = self.replayer.apply(simulation, &entry);
+        while self.entries.peek().is_ok_and(|ahead| is_command(&ahead.entry)) {
+            let Ok(Ahead { entry, prepared }) = self.entries.pop() else { break };
+            let replayed = self.replayer.apply_prepared(simulation, &entry, prepared);
             self.give_back(entry);
             replayed?;
         }
@@ -209,7 +217,7 @@ mod tests {
         assert!((4..=9).contains(&pushed), "{pushed} of 8 MiB each");
         let follow = |playback: &mut Playback| {
             while let Ok(followed) = playback.entries.pop() {
-                playback.give_back(followed);
+                playback.give_back(followed.entry);
             }
         };
         for _ in 0..2 {
@@ -222,5 +230,19 @@ mod tests {
         let command = RigidBodyCommand { joint_commands: vec![0.0; AHEAD_BYTES / 8 + 1], ..command.clone() };
         assert!(feed.push(Entry::Body { body: 0, command: Cow::Owned(command) }).is_none());
         assert!(feed.push(Entry::ResetBodies {}).is_some());
+    }
+
+    #[test]
+    fn models_are_read_where_the_recording_is_read() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("m.yaml");
+        std::fs::write(&file, "bodies: [BODY A]\nBODY A: {name: A, mass: 1}\n").expect("written");
+        let (mut feed, mut playback) = playback(Replayer::new([]));
+        let add = || Entry::AddModel { file: file.display().to_string() };
+        assert!(feed.push(add()).is_none());
+        std::fs::remove_file(&file).expect("it is there");
+        assert!(feed.push(add()).is_none() && feed.push(Entry::ResetBodies {}).is_none());
+        let mut found = || playback.entries.pop().expect("it was pushed").prepared.map(|prepared| prepared.is_ok());
+        assert_eq!([found(), found(), found()], [Some(true), Some(false), None]);
     }
 }

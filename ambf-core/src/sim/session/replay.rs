@@ -107,6 +107,17 @@ pub enum Replayed {
     Changed,
 }
 
+/// A model that an entry adds, read beforehand; or why its file is of no use.
+pub(super) type Prepared = Result<PreparedModel, String>;
+
+/// Reads the files of a model that `entry` adds; `None`: it adds none. Takes as long as that takes, and needs no simulation.
+pub(super) fn prepared(entry: &Entry<'_>) -> Option<Box<Prepared>> {
+    match entry {
+        Entry::AddModel { file } => Some(Box::new(PreparedModel::read(Path::new(file)))),
+        _ => None,
+    }
+}
+
 /// Lets a simulation do what was recorded.
 pub struct Replayer {
     /// Entries before which the state is saved, because the simulation goes back there later.
@@ -140,6 +151,16 @@ impl Replayer {
     /// [`ReplayError`]. After [`ReplayError::Differs`] the replay can go on, of what is another motion now; after others
     /// it cannot.
     pub fn apply(&mut self, simulation: &mut Simulation, entry: &Entry<'_>) -> Result<Replayed, ReplayError> {
+        self.apply_prepared(simulation, entry, prepared(entry))
+    }
+
+    /// [`apply`](Self::apply), with what [`prepared`] gave for the entry: reads no model files.
+    pub(super) fn apply_prepared(
+        &mut self,
+        simulation: &mut Simulation,
+        entry: &Entry<'_>,
+        prepared: Option<Box<Prepared>>,
+    ) -> Result<Replayed, ReplayError> {
         if self.restored.contains(&self.position) {
             self.saved.insert(self.position, simulation.save()?);
         }
@@ -149,10 +170,15 @@ impl Replayer {
             _ => (),
         }
         self.position += 1;
-        self.execute(simulation, entry)
+        self.execute(simulation, entry, prepared)
     }
 
-    fn execute(&mut self, simulation: &mut Simulation, entry: &Entry<'_>) -> Result<Replayed, ReplayError> {
+    fn execute(
+        &mut self,
+        simulation: &mut Simulation,
+        entry: &Entry<'_>,
+        prepared: Option<Box<Prepared>>,
+    ) -> Result<Replayed, ReplayError> {
         let check = Check(simulation);
         match entry {
             Entry::Start { iteration, sim_time, lost_time, attachments } => {
@@ -237,10 +263,11 @@ impl Replayer {
             Entry::PluginGone { plugin } => simulation.release_plugin(*plugin),
             Entry::ResetBodies {} => simulation.reset_bodies(),
             Entry::ResetWorld {} => simulation.reset_world(),
-            Entry::AddModel { file } => {
-                let prepared = PreparedModel::read(Path::new(file)).map_err(ReplayError::File)?;
-                // It may have failed when it was recorded, too.
-                let _ = simulation.add_model(prepared);
+            Entry::AddModel { .. } => {
+                if let Some(prepared) = prepared {
+                    // It may have failed when it was recorded, too.
+                    let _ = simulation.add_model(prepared.map_err(ReplayError::File)?);
+                }
             }
             Entry::RemoveModel { key } => {
                 simulation.remove_model(key).map_err(|error| ReplayError::File(error.to_string()))?;

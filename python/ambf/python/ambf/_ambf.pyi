@@ -206,6 +206,8 @@ class World:
         ids: bool,
         normals: bool,
         samples: int,
+        pose: Optional[List[float]],
+        field_view_angle: Optional[float],
     ) -> List[Tuple[str, NDArray[Any]]]: ...
     def view(self) -> None: ...
     @property

@@ -71,3 +71,7 @@ class TreeError(AmbfError, ValueError):
 
 class RenderError(AmbfError, RuntimeError):
     """Error when no picture can be drawn: OpenGL is missing or fails, or the process was forked from one that has drawn."""
+
+
+class ExportError(AmbfError, ValueError):
+    """Error when recordings can't be exported: a mapping that names what isn't there, a package that is missing, a folder that is there."""

@@ -15,7 +15,7 @@ import os
 import shutil
 import subprocess
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Type
@@ -24,217 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import bags
-from .errors import AmbfError
-from .names import find
+from .errors import AmbfError, ExportError
+from .mapping import MappingOf, Picture, shipped
 from .recording import Recording
-from .simulation import Array, Simulation
+from .simulation import Array
 
 FORMS = ("csv", "robomimic", "lerobot-v2.1", "lerobot-v3.0", "mp4", "rosbag1", "rosbag2")
 """What recordings can be exported to."""
 
 _CHUNK = 1000
-_AXES = {3: ("x", "y", "z"), 4: ("x", "y", "z", "w"), 6: ("fx", "fy", "fz", "tx", "ty", "tz")}
 _CODECS = {"h264": ("libx264", ("-crf", "18")), "av1": ("libsvtav1", ("-crf", "30", "-preset", "12"))}
-
-
-class ExportError(AmbfError, ValueError):
-    """Error when recordings can't be exported: a mapping that names what isn't there, a package that is missing, a folder that is there."""
-
-
-Read = Callable[[Recording], Sequence[float]]
-"""Numbers of the present moment of a replay."""
-
-
-@dataclass
-class Column:
-    """Numbers that are written side by side."""
-
-    names: List[str]
-    read: Read
-
-
-@dataclass
-class Picture:
-    """Pictures of a camera."""
-
-    camera: str
-    width: int
-    height: int
-
-
-@dataclass
-class MappingOf:
-    """What is written of each moment; see docs/recordings.md."""
-
-    rate: float = 30.0
-    robot_type: str = "ambf"
-    task: str = "simulated"
-    features: Dict[str, List[Dict[str, Any]]] = field(default_factory=dict)
-    """Entries of `observation.state`, `action` and others, as they stand in the file; empty: all joints."""
-    images: Dict[str, Picture] = field(default_factory=dict)
-
-    @classmethod
-    def load(cls, path: Optional[str]) -> MappingOf:
-        """Reads a mapping; None: joint positions of all joints, and the positions that they were commanded to."""
-        if path is None:
-            return cls()
-        try:
-            import yaml
-        except ImportError as error:
-            raise ExportError("a mapping needs the package PyYAML: pip install pyyaml") from error
-        try:
-            with open(path, encoding="utf-8") as file:
-                read = yaml.safe_load(file)
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise ExportError(f"{path}: {error}") from error
-        if not isinstance(read, dict):
-            raise ExportError(f"{path}: expected keys such as `rate` and `features`")
-        unknown = sorted(set(read) - {"rate", "robot type", "task", "features", "images"})
-        if unknown:
-            raise ExportError(f"{path}: unknown key `{unknown[0]}`; expected rate, robot type, task, features, images")
-        made = cls()
-        rate = read.get("rate", made.rate)
-        if not isinstance(rate, (int, float)) or not 0 < rate <= 10_000:
-            raise ExportError(f"{path}: `rate`: {rate!r}; expected a frequency above 0, Hz")
-        made.rate = float(rate)
-        made.robot_type = str(read.get("robot type", made.robot_type))
-        made.task = str(read.get("task", made.task))
-        features = read.get("features", {})
-        if not isinstance(features, dict) or not all(isinstance(entries, list) for entries in features.values()):
-            raise ExportError(f"{path}: `features`: expected names, each with a list of entries")
-        made.features = {str(name): entries for name, entries in features.items()}
-        images = read.get("images", {})
-        if not isinstance(images, dict):
-            raise ExportError(f"{path}: `images`: expected names, each with a camera")
-        for name, image in images.items():
-            if not isinstance(image, dict) or "camera" not in image:
-                raise ExportError(
-                    f"{path}: `images / {name}`: expected {{camera: NAME, width: PIXELS, height: PIXELS}}"
-                )
-            size = [image.get(key, value) for key, value in (("width", 640), ("height", 480))]
-            if not all(isinstance(pixels, int) and 2 <= pixels <= 16384 and pixels % 2 == 0 for pixels in size):
-                raise ExportError(
-                    f"{path}: `images / {name}`: width and height must be even numbers of pixels, 2 to 16384"
-                )
-            made.images[str(name)] = Picture(str(image["camera"]), *size)
-        return made
-
-    def columns(self, simulation: Simulation) -> Dict[str, List[Column]]:
-        """What it means in a scene."""
-        if self.features:
-            return {
-                name: [_column(simulation, name, entry) for entry in entries] for name, entries in self.features.items()
-            }
-        joints = [
-            joint for joint, kind in zip(simulation.joints, simulation.joint_types) if kind in ("revolute", "prismatic")
-        ]
-        of = [("observation.state", "joint position"), ("action", "joint target")]
-        return {name: [_column(simulation, name, {"from": what, "of": joint}) for joint in joints] for name, what in of}
-
-
-def _column(simulation: Simulation, feature: str, entry: Any) -> Column:
-    """The numbers that an entry of a mapping asks for."""
-    where = f"mapping, `features / {feature}`"
-    if not isinstance(entry, dict) or "from" not in entry:
-        raise ExportError(f"{where}: expected {{from: QUANTITY, of: NAME}}, not {entry!r}")
-    unknown = sorted(set(entry) - {"from", "of", "in", "name", "offset"})
-    if unknown:
-        raise ExportError(f"{where}: unknown key `{unknown[0]}`; expected from, of, in, name, offset")
-    what, of = str(entry["from"]), str(entry.get("of", ""))
-    offset = entry.get("offset", 0.0)
-    if not isinstance(offset, (int, float)) or not math.isfinite(offset):
-        raise ExportError(f"{where}: `offset`: {offset!r}; expected a number")
-
-    def index(names: Sequence[str], kind: str) -> int:
-        try:
-            return find(of, names, kind)
-        except (LookupError, IndexError) as error:
-            raise ExportError(f"{where}: {error}") from error
-
-    frame = _frame(simulation, where, entry.get("in"))
-    joints: Dict[str, Callable[[Recording, int], float]] = {
-        "joint position": lambda r, i: r.simulation.joint_positions[i],
-        "joint velocity": lambda r, i: r.simulation.joint_velocities[i],
-        "joint effort": lambda r, i: r.simulation.joint_efforts[i],
-        "joint target": lambda r, i: _or(r.joint_targets[i], r.simulation.joint_positions[i]),
-    }
-    poses: Dict[str, Callable[[Recording, int], Array]] = {
-        "position": lambda r, i: frame(r, r.simulation.poses[i])[:3],
-        "orientation": lambda r, i: frame(r, r.simulation.poses[i])[3:],
-        "target position": lambda r, i: frame(r, _target(r, i))[:3],
-        "target orientation": lambda r, i: frame(r, _target(r, i))[3:],
-        "twist": lambda r, i: r.simulation.twists[i],
-    }
-    if what in joints:
-        place, read = index(simulation.joints, "joints"), joints[what]
-        return Column([str(entry.get("name", of))], lambda r: [float(read(r, place)) + offset])
-    if what == "joint wrench":
-        place = index(simulation.joints, "joints")
-        names = [f"{entry.get('name', of)}.{axis}" for axis in _AXES[6]]
-        return Column(names, lambda r: [float(number) for number in r.simulation.joint_wrenches[place]])
-    if what in poses:
-        place, pose = index(simulation.bodies, "bodies"), poses[what]
-        axes = (
-            _AXES[3]
-            if "position" in what
-            else _AXES[4]
-            if "orientation" in what
-            else ("vx", "vy", "vz", "wx", "wy", "wz")
-        )
-        kind = "position" if "position" in what else "orientation" if "orientation" in what else "twist"
-        names = [f"{entry.get('name', of)}.{kind}.{axis}" for axis in axes]
-        return Column(names, lambda r: [float(number) for number in pose(r, place)])
-    known = ", ".join([*joints, "joint wrench", *poses])
-    raise ExportError(f"{where}: `from: {what}` is not known; expected one of {known}")
-
-
-def _or(value: float, other: float) -> float:
-    return other if math.isnan(value) else value
-
-
-def _target(recording: Recording, body: int) -> Array:
-    """The pose that a body was commanded to, else its own."""
-    target: Array = recording.target_poses[body]
-    return recording.simulation.poses[body] if np.isnan(target).any() else target
-
-
-def _frame(simulation: Simulation, where: str, name: Any) -> Callable[[Recording, Array], Array]:
-    """Poses in the frame of a body or a camera; None: in the world."""
-    if name is None or name == "world":
-        return lambda _, pose: pose
-    text = str(name)
-    for names, get in (
-        (simulation.bodies, lambda r, i: r.simulation.poses[i]),
-        (simulation.cameras, lambda r, i: r.simulation.camera_pose(i)),
-    ):
-        try:
-            place = find(text, names, "frames")
-        except (LookupError, IndexError):
-            continue
-
-        def within(recording: Recording, pose: Array, place: int = place, get: Any = get) -> Array:
-            return relative(get(recording, place), pose)
-
-        return within
-    raise ExportError(f"{where}: `in: {text}`: no body and no camera has this name")
-
-
-def relative(frame: Array, pose: Array) -> Array:
-    """A pose (position, m, and quaternion x, y, z, w) in another one's frame: its inverse times the pose."""
-    inverse = np.array([-frame[3], -frame[4], -frame[5], frame[6]])
-    position = _rotate(inverse, pose[:3] - frame[:3])
-    return np.concatenate([position, _multiply(inverse, pose[3:])])
-
-
-def _multiply(a: Array, b: Array) -> Array:
-    vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
-    return np.append(vector, a[3] * b[3] - a[:3] @ b[:3])
-
-
-def _rotate(quaternion: Array, vector: Array) -> Array:
-    twice = 2.0 * np.cross(quaternion[:3], vector)
-    rotated: Array = vector + quaternion[3] * twice + np.cross(quaternion[:3], twice)
-    return rotated
 
 
 @dataclass
@@ -316,7 +115,10 @@ def _notes(recording: Recording, more: Sequence[Note]) -> List[Note]:
     for time, text in more:
         if not begin <= time <= recording.end:
             raise ExportError(f"note {text!r} at {time} s: {recording.path} goes from {begin} to {recording.end} s")
-    return sorted([*recording.notes, *more], key=lambda note: note[0])
+    # A simulation that is stepped from Python rests after its first update: what is noted there is of the beginning.
+    first = begin + 1.5 * recording.interval
+    noted = [(begin if time < first else time, text) for time, text in recording.notes]
+    return sorted([*noted, *more], key=lambda note: note[0])
 
 
 def sample(
@@ -326,8 +128,10 @@ def sample(
     more = notes
     with Recording(file, changed_files=changed_files) as recording:
         columns = mapping.columns(recording.simulation)
+        viewpoints = {name: picture.viewpoint(name, recording.simulation) for name, picture in mapping.images.items()}
         notes = _notes(recording, more)
-        begin = recording.simulation.sim_time
+        start = _start(recording, mapping.begin)
+        begin = recording.simulation.sim_time if start is None else start
         times: List[float] = []
         rows: Dict[str, List[List[float]]] = {name: [] for name in columns}
         instructions: List[str] = []
@@ -335,13 +139,20 @@ def sample(
         opened: Dict[str, Video] = {}
         sums: Dict[str, List[NDArray[np.float64]]] = {name: [] for name in mapping.images}
         try:
-            for simulation in recording.sample(mapping.rate):
+            for simulation in recording.sample(mapping.rate, start):
                 times.append(simulation.sim_time - begin)
                 for name, parts in columns.items():
                     rows[name].append([number for part in parts for number in part.read(recording)])
                 instructions.append(_instruction(notes, simulation.sim_time))
                 for name, picture in mapping.images.items():
-                    rgb = simulation.render(picture.camera, picture.width, picture.height)
+                    viewpoint = viewpoints[name]
+                    rgb = simulation.render(
+                        picture.camera,
+                        picture.width,
+                        picture.height,
+                        pose=None if viewpoint is None else viewpoint(recording),
+                        field_view_angle=picture.field_view_angle,
+                    )
                     if name not in opened:
                         opened[name] = Video(paths[name], picture, mapping.rate, codec)
                     opened[name].add(rgb)
@@ -365,6 +176,16 @@ def sample(
         problem=recording.problem,
         picture_stats={name: _picture_stats(numbers) for name, numbers in sums.items()},
     )
+
+
+def _start(recording: Recording, note: str) -> Optional[float]:
+    """Simulated time of the first note of that name, s; None if there is no name. Raises ExportError."""
+    if not note:
+        return None
+    for time, text in recording.notes:
+        if text.split(":", 1)[0].strip() == note:
+            return time
+    raise ExportError(f"{recording.path}: mapping, `begin: {note}`: no note of this name is in it")
 
 
 def _instruction(notes: Sequence[Tuple[float, str]], time: float) -> str:
@@ -418,6 +239,7 @@ def assign_splits(episodes: List[Episode], shares: Mapping[str, float]) -> List[
 
 
 def _ranges(episodes: Sequence[Episode]) -> Dict[str, str]:
+    """First and end of each split's episodes."""
     ranges: Dict[str, List[int]] = {}
     for index, episode in enumerate(episodes):
         ranges.setdefault(episode.split, [index, index])[1] = index + 1
@@ -524,8 +346,9 @@ def _features(
                 "has_audio": False,
             },
         }
-    if _has_instructions(episodes):
-        found["instruction.text"] = {"dtype": "string", "shape": [1], "names": None}
+    texts = [*mapping.texts, *(["instruction.text"] if _has_instructions(episodes) else [])]
+    for name in texts:
+        found[name] = {"dtype": "string", "shape": [1], "names": None}
     found["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
     for name in ("frame_index", "episode_index", "index", "task_index"):
         found[name] = {"dtype": "int64", "shape": [1], "names": None}
@@ -542,6 +365,7 @@ def _frames(episodes: Sequence[Episode], mapping: MappingOf, tasks: Sequence[str
     for index, episode in enumerate(episodes):
         count = np.arange(episode.length)
         columns: Dict[str, Any] = {name: values.astype(np.float32) for name, values in episode.features.items()}
+        columns.update({name: [text] * episode.length for name, text in mapping.texts.items()})
         if has_instructions:
             columns["instruction.text"] = episode.instructions
         columns["timestamp"] = (count / mapping.rate).astype(np.float32)
@@ -890,7 +714,11 @@ def main(arguments: Optional[Sequence[str]] = None, out: Optional[IO[str]] = Non
     parser.add_argument("--to", required=True, choices=FORMS, help="form of the data set")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder to make")
     parser.add_argument(
-        "--mapping", metavar="FILE", help="what is written, YAML [default: positions and targets of all joints]"
+        "--mapping",
+        metavar="FILE",
+        help="what is written: a file (YAML), or one by its name: "
+        + ", ".join(shipped())
+        + " [default: positions and targets of all joints]",
     )
     parser.add_argument(
         "--rate", type=float, metavar="HZ", help="frames a simulated second [default: the mapping's, else 30]"

@@ -82,13 +82,15 @@ class Recording:
         while self.advance():
             yield self.simulation
 
-    def sample(self, rate: Optional[float] = None) -> Iterator[Simulation]:
-        """The simulation as it is at the beginning, and then `rate` times a simulated second (None: after each update): after the first
-        update that is not before the time. Begins anew.
+    def sample(self, rate: Optional[float] = None, begin: Optional[float] = None) -> Iterator[Simulation]:
+        """The simulation as it is at the simulated time `begin`, s (None: at the beginning), and then `rate` times a simulated second
+        (None: after each update): after the first update that is not before the time. Begins anew.
         """
         if rate is not None and not (math.isfinite(rate) and rate > 0):
             raise ValueError(f"rate {rate}: expected a number above 0")
         self.restart()
+        if begin is not None:
+            self.seek(max(begin - 1e-9, self.simulation.sim_time))
         begin = self.simulation.sim_time
         yield self.simulation
         count = 0

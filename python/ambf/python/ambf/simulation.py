@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import math
 import operator
 import os
 import weakref
@@ -613,6 +614,8 @@ class Simulation(Arrays):
         height: Optional[int] = None,
         *,
         samples: int = 1,
+        pose: Optional[ArrayLike] = None,
+        field_view_angle: Optional[float] = None,
     ) -> NDArray[np.uint8]: ...
 
     @overload
@@ -627,6 +630,8 @@ class Simulation(Arrays):
         ids: bool = False,
         normals: bool = False,
         samples: int = 1,
+        pose: Optional[ArrayLike] = None,
+        field_view_angle: Optional[float] = None,
     ) -> Any: ...
 
     def render(
@@ -640,6 +645,8 @@ class Simulation(Arrays):
         ids: bool = False,
         normals: bool = False,
         samples: int = 1,
+        pose: Optional[ArrayLike] = None,
+        field_view_angle: Optional[float] = None,
     ) -> Any:
         """What a camera sees of the states that the arrays hold: an array, or a dict of arrays if several are asked for.
 
@@ -656,6 +663,9 @@ class Simulation(Arrays):
         one of them the other keeps the shape. A camera with two eyes shows them side by side. `samples`: of a pixel, 1 to 8; more
         smooth the edges of "rgb".
 
+        `pose`, `field_view_angle`: the picture is taken from there, (7) position, m, and quaternion x, y, z, w, world axes, and with this
+        vertical field of view, 0 to pi rad, in place of the camera's own. The camera stays where it is.
+
         No window and no X server are needed. A graphics card is used if there is one. The lock of Python is released, and other threads
         may go on to step this simulation while it is drawn. The first call loads the meshes. What cannot be drawn as described is in
         `notices`.
@@ -667,8 +677,14 @@ class Simulation(Arrays):
             raise ValueError("nothing is asked for: switch rgb, depth, ids or normals on")
         if not 1 <= samples <= 8:
             raise ValueError(f"samples={samples}: expected 1 to 8")
+        if field_view_angle is not None and not 0.0 < field_view_angle < math.pi:
+            raise ValueError(f"field_view_angle={field_view_angle}: expected an angle above 0 and below pi, rad")
         size = _pixels("width", width), _pixels("height", height)
-        arrays = dict(self._world.render(self._camera(camera), *size, rgb, depth, ids, normals, samples))
+        place = None if pose is None else np.asarray(pose, np.float64).ravel().tolist()
+        if place is not None and len(place) != 7:
+            raise ValueError(f"pose: {len(place)} numbers; expected 7")
+        planes = (rgb, depth, ids, normals)
+        arrays = dict(self._world.render(self._camera(camera), *size, *planes, samples, place, field_view_angle))
         return next(iter(arrays.values())) if len(arrays) == 1 else arrays
 
     @property

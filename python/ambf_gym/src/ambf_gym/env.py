@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 import time
 from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, Generator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union
@@ -138,6 +139,9 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
             raise InvalidDescription("n_skip_steps, settle_steps and max_steps are 1 or more")
         self.render_mode = render_mode
         self._backend = backend
+        # What the backend in this process has beyond others.
+        self._recorder: Any = backend if hasattr(backend, "next_recording") else None
+        self._record_into: Optional[str] = None
         # Parts remember set points: those of another environment are not ours.
         self._task = copy.deepcopy(task)
         limits = backend.joint_limits()
@@ -188,6 +192,24 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
             time.sleep(self._shown_until - now)
         return outcome
 
+    def record(self, file: Union[str, os.PathLike[str]]) -> None:
+        """Records the next episode, from its reset on, into a file that is not there yet, such as `episode.mcap`; until the reset after,
+        `close` or `stop_recording`. A note `goal:` with the numbers of the goal stands where the first step begins. `ambf_export` makes
+        data sets of recordings.
+
+        In this process only, and not for environments that are stepped together: InvalidDescription.
+        """
+        if self._recorder is None:
+            raise InvalidDescription(
+                "episodes are recorded in this process only: make the environment with in_process=True"
+            )
+        self._record_into = os.fspath(file)
+
+    def stop_recording(self) -> Optional[int]:
+        """Completes the recording of an episode; how many updates are in it, or None if there is none. Raises ambf.RecordingError."""
+        updates: Optional[int] = None if self._recorder is None else self._recorder.stop_recording()
+        return updates
+
     def resetting(
         self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None
     ) -> Course[Tuple[Observation, Info]]:
@@ -203,6 +225,8 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
             # How things are at the start: what a reset returns to.
             self._start = yield Order(Commands(), 1, True)
         start = self._task.start(self.np_random)
+        if self._record_into is not None:
+            self._recorder.next_recording, self._record_into = self._record_into, None
         if start:
             # What keeps things as they are there is seen when they are there.
             states = yield Order(Commands(), 1, True, start)
@@ -216,6 +240,8 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         self._states = states
         self._steps = 0
         self._first_step = states.sim_step
+        if self._recorder is not None and self._recorder.is_recording:
+            self._recorder.simulation.note("goal: " + " ".join(repr(float(number)) for number in self._goal))
         return self._observation(states), {"iterations": 0}
 
     def stepping(self, action: Any) -> Course[Outcome]:

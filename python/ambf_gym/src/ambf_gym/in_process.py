@@ -43,6 +43,10 @@ class InProcessBackend:
         self._actuators: Dict[str, ambf.Actuator] = {}
         self._sim_step = -1
         self._is_shown = False
+        self.next_recording: Optional[str] = None
+        """File into which the simulation is recorded from its next reset on."""
+        self.is_recording = False
+        """Whether it is recorded now."""
         self.layout = Layout(0, 0)
 
     @property
@@ -110,7 +114,12 @@ class InProcessBackend:
             commands.write()
             return
         if reset:
+            self.stop_recording()
             simulation.reset()
+            if self.next_recording is not None:
+                file, self.next_recording = self.next_recording, None
+                simulation.record(file)
+                self.is_recording = True
         if state:
             simulation.set_state(**state)
         for name, command in commands.bodies.items():
@@ -123,6 +132,13 @@ class InProcessBackend:
                 actuator.hold(sensor=hold.sensor)
             else:
                 actuator.hold(body=hold.body)
+
+    def stop_recording(self) -> Optional[int]:
+        """Completes the recording; how many updates are in it, or None if there is none. Raises ambf.RecordingError."""
+        if not self.is_recording:
+            return None
+        self.is_recording = False
+        return self.simulation.stop_recording()
 
     def observe(self, steps: int) -> States:
         """What `step` does after `steps` iterations."""
@@ -217,12 +233,11 @@ class InProcessBackend:
         self, camera: Optional[str], width: Optional[int], height: Optional[int], rgb: bool, depth: bool
     ) -> Picture:
         """See `Backend.render`. Raises ambf.RenderError where nothing can be drawn."""
-        wanted = {"rgb": rgb, "depth": depth}
         try:
-            found = self.simulation.render(camera, width, height, **wanted)
+            found = self.simulation.render(camera, width, height, rgb=rgb, depth=depth)
         except (ambf.NotFoundError, ValueError) as error:
             raise InvalidDescription(str(error)) from error
-        return found if isinstance(found, dict) else {name: found for name, is_wanted in wanted.items() if is_wanted}
+        return found if isinstance(found, dict) else {"rgb" if rgb else "depth": found}
 
     def show(self) -> None:
         """See `Backend.show`. Opening raises ambf.RenderError without a display."""
@@ -231,6 +246,7 @@ class InProcessBackend:
     def close(self) -> None:
         """See `Backend.close`."""
         simulation, self._simulation = self._simulation, None
+        self.is_recording = False
         if simulation is not None:
             simulation.close()
 
