@@ -47,7 +47,9 @@ class BatchContacts(NamedTuple):
     def normal_forces(self, n: int, body: int) -> Array:
         """(n) sum of the normal forces on a body by its place, N, of each of `n` worlds."""
         touches = (self.bodies == body).any(axis=1)
-        return np.bincount(self.worlds[touches], weights=self.forces[touches], minlength=n)
+        sums = np.zeros(n)
+        np.add.at(sums, self.worlds[touches], self.forces[touches])
+        return sums
 
 
 class Batch(Arrays):
