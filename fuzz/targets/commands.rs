@@ -4,9 +4,9 @@
 use std::cell::RefCell;
 use std::path::Path;
 
-use ambf_app::batch::Commands;
+use ambf_app::batch::{Commands, Targets};
 use ambf_core::scene::{load, SceneFiles, SceneOptions};
-use ambf_core::sim::{Simulation, DEFAULT_SUB_STEP};
+use ambf_core::sim::{Nearness, Simulation, DEFAULT_SUB_STEP};
 use libfuzzer_sys::fuzz_target;
 
 thread_local! {
@@ -21,15 +21,14 @@ thread_local! {
 
 fuzz_target!(|text: &str| ARM.with_borrow_mut(|simulation| {
     let names: Vec<String> = simulation.scene().bodies.iter().map(|body| body.identity.name.clone()).collect();
-    let active: Vec<usize> = (0..names.len()).map(|body| simulation.scene().graph.active(body).count()).collect();
-    match Commands::parse(text, "c.txt", &names, |body| active[body]) {
+    match Commands::parse(text, "c.txt", &Targets::new(simulation.scene(), &names)) {
         Err(error) => assert!(error.to_string().starts_with("c.txt:"), "{error}"),
         Ok(commands) => {
             let lost = (0..3).any(|step| {
-                commands.apply(simulation, step);
-                simulation.update(DEFAULT_SUB_STEP).is_err()
+                let applied = commands.apply(simulation, step, DEFAULT_SUB_STEP);
+                applied.is_err() || simulation.update(DEFAULT_SUB_STEP).is_err()
             });
-            let _ = commands.latest(0, 3);
+            let _ = commands.latest(3, |_| Nearness::Apart);
             if lost {
                 simulation.reset_bodies();
             }
