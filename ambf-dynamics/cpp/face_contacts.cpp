@@ -18,6 +18,11 @@ constexpr btScalar ALIGNED = 0.9999;
 // Unevenness of a face of a polyhedron, as a share of the contact breaking threshold.
 constexpr btScalar UNEVENNESS = 0.05;
 
+// Whether the corners of a shape are known.
+bool has_corners(const btCollisionShape &shape) {
+  return shape.isPolyhedral() && static_cast<const btPolyhedralConvexShape &>(shape).getNumVertices() > 0;
+}
+
 }  // namespace
 
 // The lowest straight line on a shape in the direction `down`, a unit vector in the world.
@@ -63,7 +68,7 @@ bool FaceContacts::find_line(const btCollisionObjectWrapper &object, const btVec
 // one, if they lie in a plane.
 bool FaceContacts::find_corners(const btCollisionObjectWrapper &object, const btVector3 &normal, btScalar threshold) {
   const auto &shape = static_cast<const btConvexShape &>(*object.getCollisionShape());
-  if (!shape.isPolyhedral()) return false;
+  if (!has_corners(shape)) return false;
   lying_.find(shape, object.getWorldTransform(), normal, threshold);
   lying_margin_ = ContactFeature::margin_of(shape);
   btVector3 own;
@@ -91,7 +96,7 @@ bool FaceContacts::find_face(const btCollisionObjectWrapper &object, btVector3 &
     face_margin_ = 0;
     return true;
   }
-  if (!shape.isPolyhedral()) return false;
+  if (!has_corners(shape)) return false;
   face_.find(shape, pose, -normal, unevenness);
   btVector3 own;
   if (face_.points().size() < 3 || !(face_.unevenness(own) < SIMD_INFINITY)) return false;
@@ -117,7 +122,7 @@ Replaced FaceContacts::replace(const btCollisionObjectWrapper &first, const btCo
     // Out of the face, to the other body.
     btVector3 normal = side == 0 ? found : -found;
     const bool is_line = find_line(object, -normal);
-    if (!is_line && !object.getCollisionShape()->isPolyhedral()) continue;
+    if (!is_line && !has_corners(*object.getCollisionShape())) continue;
     if (!find_face(ground, normal, UNEVENNESS * threshold)) continue;
     if (!is_line && !find_corners(object, normal, threshold)) continue;
     const btScalar height = normal.dot(face_.points()[0]) + face_margin_;
@@ -131,6 +136,9 @@ Replaced FaceContacts::replace(const btCollisionObjectWrapper &first, const btCo
       found_.push_back({normal, corner - normal * (lying_margin_ + distance), distance, false});
     }
     if (found_.empty() || (is_line && found_.size() != lying_.points().size())) continue;
+    // Something between the corners is lower: the shape is domed.
+    const btScalar depth = -manifold.getContactPoint(deepest).getDistance();
+    if (!is_line && found_[lowest].distance > 2 * UNEVENNESS * threshold - depth) continue;
     const ContactSelection selection =
         select_contacts(found_, found_[lowest], object.getWorldTransform().getOrigin(), threshold);
     // Nearer points are one for Bullet.

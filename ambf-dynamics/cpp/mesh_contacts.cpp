@@ -62,7 +62,11 @@ class Narrow final : public btTriangleCallback {
   // mesh are below it, but far beside of what it touches.
   bool is_far(const btVector3 &a, const btVector3 &b, const btVector3 &c) const {
     const btVector3 middle = (a + b + c) / 3;
-    const btScalar radius = btSqrt(std::max({middle.distance2(a), middle.distance2(b), middle.distance2(c)}));
+    return is_far(middle, btSqrt(std::max({middle.distance2(a), middle.distance2(b), middle.distance2(c)})));
+  }
+
+  // The same of a ball around `middle`.
+  bool is_far(const btVector3 &middle, btScalar radius) const {
     const btScalar least = radius + reach_ + mesh_margin_;
     const btVector3 at = pose_.invXform(middle);
     btVector3 inside = at;
@@ -354,7 +358,8 @@ class ConvexOnMesh final : public btCollisionAlgorithm {
       narrow.begin(*static_cast<const TopologyHolder *>(mesh.getUserPointer())->topology);
       return mesh.processAllTriangles(&narrow, narrow.low(), narrow.high());
     }
-    static_cast<const VolumeShape &>(mesh).for_bricks(narrow.low(), narrow.high(), [&](VolumeBrick &brick) {
+    const auto is_near = [&](const btVector3 &centre, btScalar radius) { return !narrow.is_far(centre, radius); };
+    static_cast<const VolumeShape &>(mesh).for_bricks(narrow.low(), narrow.high(), is_near, [&](VolumeBrick &brick) {
       if (!brick.topology) brick.topology = std::make_shared<const MeshTopology>(brick);
       narrow.begin(*brick.topology);
       const size_t before = narrow.found();

@@ -96,7 +96,8 @@ void VolumeShape::visit(const VolumeBrick &brick, btTriangleCallback &callback, 
 void VolumeShape::processAllTriangles(btTriangleCallback *callback, const btVector3 &low, const btVector3 &high) const {
   // Bullet asks for all triangles in the box around a ray, which may be the whole volume.
   if (auto *const ray = dynamic_cast<btTriangleRaycastCallback *>(callback)) return cast(*ray);
-  for_bricks(low, high, [&](const VolumeBrick &brick) { visit(brick, *callback, low, high); });
+  const auto any = [](const btVector3 &, btScalar) { return true; };
+  for_bricks(low, high, any, [&](const VolumeBrick &brick) { visit(brick, *callback, low, high); });
 }
 
 // Goes along the ray in pieces of a brick, until it has hit something.
@@ -116,16 +117,21 @@ void VolumeShape::cast(btTriangleRaycastCallback &ray) const {
     end = std::min(end, std::max(a, b));
   }
   if (!(begin < end)) return;
-  const btScalar piece = std::min({source_.brick[0], source_.brick[1], source_.brick[2]});
-  // Of a ray that is clipped to the box these are few.
-  const int pieces = static_cast<int>(std::ceil((end - begin) * way.length() / piece)) + 1;
+  // No more than there are bricks along an axis.
+  btScalar bricks = 0;
+  for (int k = 0; k < 3; ++k) {
+    const btScalar along = btFabs(way[k]) * (end - begin) / source_.brick[k];
+    bricks = std::max(bricks, std::min(along, btScalar(source_.bricks[k] + 2)));
+  }
+  const int pieces = static_cast<int>(std::ceil(bricks)) + 1;
   for (int i = 0; i < pieces; ++i) {
     const btScalar from = begin + (end - begin) * i / pieces, to = begin + (end - begin) * (i + 1) / pieces;
     if (from > ray.m_hitFraction) return;
     btVector3 first = ray.m_from + way * from, last = first;
     first.setMin(ray.m_from + way * to);
     last.setMax(ray.m_from + way * to);
-    for_bricks(first, last, [&](const VolumeBrick &brick) { visit(brick, ray, first, last); });
+    const auto any = [](const btVector3 &, btScalar) { return true; };
+    for_bricks(first, last, any, [&](const VolumeBrick &brick) { visit(brick, ray, first, last); });
   }
 }
 

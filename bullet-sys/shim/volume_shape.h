@@ -50,13 +50,21 @@ class VolumeShape final : public btConcaveShape {
   explicit VolumeShape(const AmbVolumeSource &from);
   ~VolumeShape() override;
 
-  // The bricks with triangles near a box, m: calls `use` with each. What it is given lives until the next one.
-  template <typename Use>
-  void for_bricks(const btVector3 &low, const btVector3 &high, Use use) const {
+  // The bricks with triangles near a box, m: calls `use` with each whose ball, of a centre and a radius, m, `is_near` takes. What it
+  // is given lives until the next one.
+  template <typename Near, typename Use>
+  void for_bricks(const btVector3 &low, const btVector3 &high, Near is_near, Use use) const {
     int first[3], last[3];
     if (!range(low, high, first, last)) return;
-    for (int brick[3] = {first[0], first[1], first[2]}; source_.next(source_.data, first, last, brick); ++brick[0])
-      use(*brick_at(brick));
+    for (int brick[3] = {first[0], first[1], first[2]}; source_.next(source_.data, first, last, brick); ++brick[0]) {
+      btVector3 centre, half;
+      for (int k = 0; k < 3; ++k) {
+        centre[k] = source_.low[k] + (brick[k] + btScalar(0.5)) * source_.brick[k];
+        // Triangles of a brick reach into its neighbours by up to a voxel.
+        half[k] = source_.brick[k] / 2 + source_.voxel[k];
+      }
+      if (is_near(centre, half.length())) use(*brick_at(brick));
+    }
   }
 
   // The triangles at a brick and at its neighbours are made again when they are asked for.

@@ -75,8 +75,7 @@ unsafe extern "C" fn release(data: *mut c_void) {
 
 impl World {
     /// Lets a body collide with the surface of voxels, as well as with its shape; `pose` is that of the volume in the inertial
-    /// frame. Mass and inertia stay. Contacts are those of concave meshes: volumes, planes and such meshes do not touch each
-    /// other. `None`: the handle is stale, or the body is a link of an articulation.
+    /// frame. Mass and inertia stay. Contacts are those of concave meshes: volumes and planes do not touch each other. `None`: the handle is stale, or the body is a link of an articulation.
     pub fn add_volume(
         &mut self,
         handle: BodyHandle,
@@ -89,14 +88,16 @@ impl World {
             return None;
         }
         let half = grid.edges() / 2.0;
+        let most = half + grid.spacing() / 2.0;
         let source = Box::into_raw(Box::new(Source { grid: Arc::clone(grid), patch: Patch::default() }));
         let description = sys::AmbVolumeSource {
             bricks: grid.size().map(|edge| edge.div_ceil(EDGE) as i32),
             low: (-half).into(),
             brick: (grid.spacing() * EDGE as f64).into(),
             voxel: grid.spacing().into(),
-            // What is solid at the walls of the box ends half a voxel beyond the centres of its voxels: there.
-            bounds: [-half.x, -half.y, -half.z, half.x, half.y, half.z],
+            // What is solid at the walls of the box ends less than a voxel beyond the centres of its voxels, half a voxel beyond the
+            // walls where the threshold is low.
+            bounds: [-most.x, -most.y, -most.z, most.x, most.y, most.z],
             data: source.cast(),
             next: Some(next),
             mesh: Some(mesh),

@@ -275,8 +275,17 @@ impl Scene {
         let camera = self.cameras.names.id(text).map(Parent::Camera);
         let light = self.lights.names.id(text).map(Parent::Light);
         let ghost = self.ghosts.names.id(text).map(Parent::Ghost);
-        let volume = self.volumes.names.id(text).map(Parent::Volume);
-        [body, camera, light, ghost, volume].into_iter().flatten().collect()
+        let volume = self.volumes.names.id(text);
+        // A volume hangs on the body that carries it, which has its name, too: the volume is meant.
+        let is_carrier = |parent: &Parent| match (parent, volume) {
+            (Parent::Body(body), Some(volume)) => {
+                let carrier = &self.volumes[volume].description.parent;
+                carrier.ends_with(" (volume)") && self.bodies[*body].identity.key().ends_with(carrier.as_str())
+            }
+            _ => false,
+        };
+        let body = body.filter(|body| !is_carrier(body));
+        [body, camera, light, ghost, volume.map(Parent::Volume)].into_iter().flatten().collect()
     }
 
     /// What of each type has the name `text`, or with `is_exact` false holds it: a few in lexicographic order, as a

@@ -66,6 +66,7 @@ impl Scene {
         self.lists_mut().into_iter().zip(&saved.lists).for_each(|(list, saved)| list.restore(saved));
         self.joints.iter_mut().zip(&saved.joints).for_each(|(joint, saved)| joint.restore(saved));
         self.gravity = saved.gravity;
+        self.show_restored_volumes();
         Ok(())
     }
 }

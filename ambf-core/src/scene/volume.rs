@@ -35,8 +35,6 @@ pub struct Volume {
     voxels: Option<Voxels>,
     /// What bodies collide with; `None`: nothing.
     part: Option<VolumePartHandle>,
-    /// The voxels come from a saved state in which sleeping bodies slept at them.
-    is_restored: bool,
     pub(super) tools: Vec<Tool>,
     /// What tools have cut in the latest update.
     cut: Carved,
@@ -109,11 +107,10 @@ impl Volume {
         self.voxels.as_ref().map(|voxels| &voxels.first)
     }
 
-    /// Lets bodies collide with the voxels of now.
-    fn show_to_bodies(&mut self, world: &mut World) {
-        let was_restored = std::mem::take(&mut self.is_restored);
+    /// Lets bodies collide with the voxels of now. `wakes`: those that sleep near what has changed wake.
+    fn show_to_bodies(&self, world: &mut World, wakes: bool) {
         if let (Some(part), Some(Voxels { now, .. })) = (self.part, &self.voxels) {
-            world.set_voxels(part, now, !was_restored);
+            world.set_voxels(part, now, wakes);
         }
     }
 
@@ -196,7 +193,7 @@ impl SceneObject for Volume {
 
     fn save(&self) -> Self::Saved {
         // All fields by name, so that no new one is forgotten.
-        let Self { attached, description: _, voxels, part: _, is_restored: _, tools, cut: _ } = self;
+        let Self { attached, description: _, voxels, part: _, tools, cut: _ } = self;
         let of_voxels = |Voxels { first: _, now, carver }: &Voxels| (Arc::clone(now), carver.carry);
         let tools = tools.iter().map(Tool::save).collect();
         SavedVolume { pose: attached.save(), voxels: voxels.as_ref().map(of_voxels), tools }
@@ -207,7 +204,6 @@ impl SceneObject for Volume {
         if let (Some(voxels), Some((now, carry))) = (&mut self.voxels, &saved.voxels) {
             voxels.now = Arc::clone(now);
             voxels.carver.carry = *carry;
-            self.is_restored = true;
         }
         self.tools.iter_mut().zip(&saved.tools).for_each(|(tool, saved)| tool.restore(saved));
         self.cut.clear();
@@ -367,13 +363,13 @@ impl Scene {
     }
 
     fn show_to_bodies(&mut self, id: VolumeId) {
-        self.volumes[id].show_to_bodies(&mut self.world);
+        self.volumes[id].show_to_bodies(&mut self.world, true);
     }
 
-    /// Lets bodies collide with the voxels that a saved state has brought back. To be called before a step.
-    pub(crate) fn show_restored_volumes(&mut self) {
-        for volume in self.volumes.iter_mut().filter(|volume| volume.is_restored) {
-            volume.show_to_bodies(&mut self.world);
+    /// Lets bodies collide with the voxels that a saved state has brought back, at which sleeping bodies sleep on.
+    pub(super) fn show_restored_volumes(&mut self) {
+        for volume in self.volumes.iter() {
+            volume.show_to_bodies(&mut self.world, false);
         }
     }
 
@@ -425,7 +421,7 @@ impl Builder<'_> {
         let description = Arc::new(volume.clone());
         let cuts = volume.tools.iter().any(tool::cuts);
         let cut = Carved::with_room(if cuts { ROOM } else { 0 });
-        self.scene.volumes.push(Volume { attached, description, voxels, part: None, is_restored: false, tools, cut });
+        self.scene.volumes.push(Volume { attached, description, voxels, part: None, tools, cut });
     }
 
     /// Lets bodies collide with the volumes of the models that are being built which ask for it. Their parents are known,

@@ -130,7 +130,6 @@ impl Physics {
     pub fn step(&mut self) {
         let cap = self.scene.max_sub_steps;
         let begin = Instant::now();
-        self.scene.show_restored_volumes();
         self.time.due = self.targets.step(&mut self.scene, self.time.interval, cap, self.sub_step);
         self.bullet_time += begin.elapsed();
         self.time.lost_time += f64::from(self.time.due.saturating_sub(cap)) * self.sub_step;

@@ -99,3 +99,38 @@ fn a_capsule_rests_on_a_box_with_both_ends_and_rolls_off() {
     bench.steps(250);
     assert!(bench.position("pill").z < -0.01, "{}", bench.position("pill"));
 }
+
+#[test]
+fn a_domed_hull_stands_on_its_middle() {
+    let (folder, radius, rings, around) = (tempfile::tempdir().expect("a folder"), 0.03, 16, 24);
+    let mut text = format!("o ball\nv 0 0 {radius}\nv 0 0 {}\n", -radius);
+    for ring in 1..rings {
+        let (height, wide) = (std::f64::consts::PI * f64::from(ring) / f64::from(rings)).sin_cos();
+        for i in 0..around {
+            let (y, x) = (std::f64::consts::TAU * f64::from(i) / f64::from(around)).sin_cos();
+            text += &format!("v {} {} {}\n", radius * height * x, radius * height * y, radius * wide);
+        }
+    }
+    // A hull needs points; faces are for the reader.
+    for i in 0..around {
+        text += &format!("f 1 {} {}\n", 3 + i, 3 + (i + 1) % around);
+    }
+    for i in 3..=2 + (rings - 1) * around - 2 {
+        text += &format!("f {i} {} {}\n", i + 1, i + 2);
+    }
+    text += &format!("f 2 {} {}\n", 3 + (rings - 2) * around, 4 + (rings - 2) * around);
+    std::fs::write(folder.path().join("ball.obj"), text).expect("written");
+    let model = format!(
+        "bodies: [BODY table, BODY ball]\nBODY table: {{name: table, mass: 0, location: {{position: {{x: 0, y: 0, z: -0.05}}}}, collision shape: \
+         Box, collision geometry: {{x: 0.2, y: 0.2, z: 0.1}}}}\nBODY ball: {{name: ball, mass: 0.1, inertia: {{ix: 3.6e-5, iy: 3.6e-5, iz: 3.6e-5}}, \
+         mesh: ball.obj, high resolution path: {0}, low resolution path: {0}, collision mesh type: CONVEX_HULL, collision margin: 1e-5, inertial \
+         offset: {{position: {{x: 0, y: 0, z: 0}}}}, location: {{position: {{x: 0, y: 0, z: {radius}}}}}}}\n",
+        folder.path().display()
+    );
+    let world = "gravity: {x: 0, y: 0, z: -9.81}\nmax iterations: 50\nphysics: {profile: accurate}\n";
+    let loaded = load_texts(world, &[&model]);
+    assert_eq!(loaded.report.errors(), 0, "{}", loaded.report);
+    let mut bench = Bench(Simulation::new(loaded.scene, 0.001));
+    bench.steps(100);
+    close(bench.position("ball").z, radius, 5e-5);
+}

@@ -283,7 +283,8 @@ impl Volume {
     pub(super) fn take_carrier(&mut self) -> Option<RigidBody> {
         let VolumeContact { surface, groups } = self.contact.as_ref().filter(|_| self.parent.is_empty())?;
         let own = self.common.identifier.as_str();
-        let identifier = format!("BODY {}", own.strip_prefix("VOLUME ").unwrap_or(own));
+        // What no body of a file is called: else the volume would hang on that one.
+        let identifier = format!("BODY {} (volume)", own.strip_prefix("VOLUME ").unwrap_or(own));
         let common = Common { identifier: identifier.clone(), plugins: Vec::new(), ..self.common.clone() };
         let location = std::mem::replace(&mut self.location, Isometry3::identity());
         let body = RigidBody::fixed(common, location, *surface, groups.clone());
@@ -393,7 +394,7 @@ mod tests {
         );
         let model = clean::<Model>(&text);
         let [body, carrier] = &model.bodies[..] else { panic!("{:?}", model.bodies) };
-        assert_eq!((body.common.identifier.as_str(), carrier.common.identifier.as_str()), ("B", "BODY v"));
+        assert_eq!((body.common.identifier.as_str(), carrier.common.identifier.as_str()), ("B", "BODY v (volume)"));
         assert_eq!((carrier.common.name.as_str(), carrier.mass, &carrier.collision_groups), ("v", 0.0, &vec![3]));
         assert_eq!((carrier.surface.static_friction, carrier.surface.restitution), (0.2, 0.0));
         assert_eq!(carrier.location.translation.vector, Vector3::new(1.0, 2.0, 3.0));
