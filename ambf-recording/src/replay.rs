@@ -9,7 +9,9 @@ use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use ambf_core::ids::{BodyId, JointId};
 use ambf_core::plugin::Command;
 use ambf_core::scene::SceneReport;
-use ambf_core::sim::{playback, EarlyEnd, Entry, LostState, Playback, ReplayError, Replayed, Replayer, Simulation};
+use ambf_core::sim::{
+    playback, EarlyEnd, Entry, LostState, Playback, ReplayError, Replayed, Replayer, Simulation, AHEAD_BYTES,
+};
 use thiserror::Error;
 
 use crate::{reason, Header, Recording, RecordingError, Timed, STOPPED};
@@ -302,14 +304,22 @@ impl Replay {
         self.damage.take().map_or_else(|| self.recording.next_entry(), Err)
     }
 
-    /// Notes what is commanded before anything moves. It is followed when the simulation goes on.
+    /// Notes what is commanded before anything moves, of at most [`AHEAD`] entries and about [`AHEAD_BYTES`]. It is followed
+    /// when the simulation goes on.
     fn look_ahead(&mut self, simulation: &Simulation) {
-        while self.ahead.len() < AHEAD && self.ahead.back().is_none_or(|timed| !moves(&timed.entry)) {
+        let mut written = Vec::new();
+        self.ahead.iter().for_each(|timed| timed.entry.write(&mut written));
+        let mut bytes = written.len();
+        let has_room = |ahead: &VecDeque<Timed>, bytes| ahead.len() < AHEAD && bytes < AHEAD_BYTES;
+        while has_room(&self.ahead, bytes) && self.ahead.back().is_none_or(|timed| !moves(&timed.entry)) {
             match self.recording.next_entry() {
                 Ok(Some(timed)) => {
                     if !moves(&timed.entry) {
                         self.targets.note(&timed.entry, simulation);
                     }
+                    written.clear();
+                    timed.entry.write(&mut written);
+                    bytes += written.len();
                     self.ahead.push_back(timed);
                 }
                 Ok(None) => return,
