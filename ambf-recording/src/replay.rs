@@ -9,7 +9,9 @@ use ambf_core::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand};
 use ambf_core::ids::{BodyId, JointId};
 use ambf_core::plugin::Command;
 use ambf_core::scene::SceneReport;
-use ambf_core::sim::{playback, EarlyEnd, Entry, LostState, Playback, ReplayError, Replayed, Replayer, Simulation};
+use ambf_core::sim::{
+    playback, EarlyEnd, Entry, LostState, Playback, ReplayError, Replayed, Replayer, Simulation, AHEAD_BYTES,
+};
 use thiserror::Error;
 
 use crate::{reason, Header, Recording, RecordingError, Timed, STOPPED};
@@ -66,6 +68,8 @@ pub struct Targets {
     pub joints: HashMap<JointId, f64>,
     /// Poses of body frames in the world: position, m, and quaternion x, y, z, w.
     pub bodies: HashMap<BodyId, [f64; 7]>,
+    /// Those of root links that input devices move: these go on after a reset, and beside what others command.
+    hands: HashMap<BodyId, [f64; 7]>,
 }
 
 impl Targets {
@@ -83,28 +87,51 @@ impl Targets {
                 self.joint(JointId::new(*joint), *kind, *value);
             }
             Entry::Plugin { command: Command::FollowPose { body, pose }, .. } => {
-                let [x, y, z] = pose.translation.vector.into();
-                let [i, j, k, w] = pose.rotation.coords.into();
-                self.bodies.insert(BodyId::new(*body), [x, y, z, i, j, k, w]);
+                let pose = seven(pose.translation.vector.into(), pose.rotation.coords.into());
+                self.bodies.insert(BodyId::new(*body), pose);
             }
-            Entry::ResetWorld {} | Entry::Restore { .. } => *self = Self::default(),
+            Entry::Plugin { command: Command::Wrench { body, .. } | Command::Velocity { body, .. }, .. } => {
+                self.release(BodyId::new(*body));
+            }
+            Entry::Hand { device, reference, .. } => {
+                if let Some(root) = simulation.device_root(*device) {
+                    let pose = seven(reference.translation.vector.into(), reference.rotation.coords.into());
+                    self.hands.insert(root, pose);
+                    self.bodies.insert(root, pose);
+                }
+            }
+            Entry::ResetWorld {} | Entry::Restore { .. } => {
+                self.joints.clear();
+                self.bodies.clone_from(&self.hands);
+            }
+            Entry::RemoveModel { .. } | Entry::RemoveBody { .. } => {
+                let is_gone = |body: BodyId| simulation.scene().body_is_gone(body);
+                self.hands.retain(|&body, _| !is_gone(body));
+                self.bodies.retain(|&body, _| !is_gone(body));
+            }
             _ => (),
         }
     }
 
     fn command(&mut self, body: BodyId, command: &RigidBodyCommand, simulation: &Simulation) {
         if command.cartesian == CartesianCommandType::Position {
-            let [x, y, z] = command.position.into();
-            let [i, j, k, w] = command.orientation;
-            self.bodies.insert(body, [x, y, z, i, j, k, w]);
+            self.bodies.insert(body, seven(command.position.into(), command.orientation));
         } else {
-            self.bodies.remove(&body);
+            self.release(body);
         }
         let kinds = command.joint_command_types.iter().copied().chain(std::iter::repeat(JointCommandType::Effort));
         let joints = simulation.scene().active_joints(body).iter();
         for ((&joint, &value), kind) in joints.zip(&command.joint_commands).zip(kinds) {
             self.joint(joint, kind, value);
         }
+    }
+
+    /// A body is not to follow a pose any more, but that of its input device.
+    fn release(&mut self, body: BodyId) {
+        match self.hands.get(&body) {
+            Some(&pose) => self.bodies.insert(body, pose),
+            None => self.bodies.remove(&body),
+        };
     }
 
     fn joint(&mut self, joint: JointId, kind: JointCommandType, value: f64) {
@@ -118,6 +145,11 @@ impl Targets {
             JointCommandType::Unknown(_) => (),
         }
     }
+}
+
+/// A pose as [`Targets::bodies`] has it.
+fn seven([x, y, z]: [f64; 3], [i, j, k, w]: [f64; 4]) -> [f64; 7] {
+    [x, y, z, i, j, k, w]
 }
 
 /// How far a replay came.
@@ -272,14 +304,22 @@ impl Replay {
         self.damage.take().map_or_else(|| self.recording.next_entry(), Err)
     }
 
-    /// Notes what is commanded before anything moves. It is followed when the simulation goes on.
+    /// Notes what is commanded before anything moves, of at most [`AHEAD`] entries and about [`AHEAD_BYTES`]. It is followed
+    /// when the simulation goes on.
     fn look_ahead(&mut self, simulation: &Simulation) {
-        while self.ahead.len() < AHEAD && self.ahead.back().is_none_or(|timed| !moves(&timed.entry)) {
+        let mut written = Vec::new();
+        self.ahead.iter().for_each(|timed| timed.entry.write(&mut written));
+        let mut bytes = written.len();
+        let has_room = |ahead: &VecDeque<Timed>, bytes| ahead.len() < AHEAD && bytes < AHEAD_BYTES;
+        while has_room(&self.ahead, bytes) && self.ahead.back().is_none_or(|timed| !moves(&timed.entry)) {
             match self.recording.next_entry() {
                 Ok(Some(timed)) => {
                     if !moves(&timed.entry) {
                         self.targets.note(&timed.entry, simulation);
                     }
+                    written.clear();
+                    timed.entry.write(&mut written);
+                    bytes += written.len();
                     self.ahead.push_back(timed);
                 }
                 Ok(None) => return,

@@ -344,6 +344,11 @@ impl Simulation {
         devices.list.iter_mut().for_each(|device| (device.noted, device.is_closed) = (None, None));
     }
 
+    /// The root link of the `device`-th device, which its hand moves; `None`: there is no such device.
+    pub fn device_root(&self, device: usize) -> Option<BodyId> {
+        Some(self.devices.as_ref()?.list.get(device)?.parts.root)
+    }
+
     /// Changes a gain of the `device`-th device as its user did; false if there is no such device.
     pub(super) fn change_device_gain(&mut self, device: usize, change: GainChange) -> bool {
         let Some(coupled) = self.devices.as_mut().and_then(|devices| devices.list.get_mut(device)) else {

@@ -31,7 +31,7 @@ pub use runner::{Control, Event, ReplayEnd, ReplayEnded, ReplayPlan, Runner, Run
 pub use saved::SavedState;
 pub use session::{
     playback, recorder, CodeError, EarlyEnd, Entry, Feed, Playback, Recorder, ReplayError, Replayed, Replayer,
-    StartError, Tap, Unpacker, HASH_INTERVAL,
+    StartError, Tap, Unpacker, AHEAD_BYTES, HASH_INTERVAL,
 };
 pub use slices::request_short_slices;
 pub use step_pool::{Batch, StepPool, Stepped, Steps};

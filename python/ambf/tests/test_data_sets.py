@@ -7,6 +7,7 @@ import math
 import pathlib
 import subprocess
 import tempfile
+import types
 import unittest
 
 import ambf
@@ -275,11 +276,11 @@ class Forms(unittest.TestCase):
 class Mappings(unittest.TestCase):
     """What a mapping may say."""
 
-    def rows(self, text, name):
+    def rows(self, text, name, *more):
         """Numbers of a feature, by a mapping of its entries."""
         file, out = Session.folder / f"{name}.yaml", Session.folder / name
         file.write_text(text)
-        status, said = run(Session.files[0], "--to", "csv", "--out", out, "--mapping", file)
+        status, said = run(Session.files[0], "--to", "csv", "--out", out, "--mapping", file, *more)
         self.assertEqual(status, 0, said)
         rows = (out / "episode_000000.csv").read_text().splitlines()[1:]
         return np.array([list(map(float, row.split(",")[1:-1])) for row in rows])
@@ -293,6 +294,36 @@ class Mappings(unittest.TestCase):
         rows = self.rows("features:\n  a:\n" + "".join(f"    - {entry}\n" for entry in entries), "several")
         np.testing.assert_allclose(rows[:, 2], rows[:, :2].mean(1) + 1.0)
         np.testing.assert_allclose(rows[:, 3:], np.tile([1.0, 2.0, 3.0], (len(rows), 1)), atol=1e-12)
+
+    def test_names_are_looked_for_in_all_kinds_at_once(self):
+        """The whole name of a passive body or of a camera is not taken for a part of another's."""
+        scene = types.SimpleNamespace(bodies=["/a/tip_sensor", "/a/b"], passive_bodies=["/a/tip"], cameras=["/a/b_eye"])
+        self.assertEqual(mapping._body(scene, "tip", ""), ("/a/tip", None))
+        self.assertEqual(mapping._body(scene, "tip_sensor", ""), ("/a/tip_sensor", 0))
+        scene.cameras = ["/a/sensor"]
+        scene.camera_pose = lambda index: np.array([1.0 + index, 0, 0, 0, 0, 0, 1])
+        seen = mapping._frame(scene, "", "sensor")(
+            types.SimpleNamespace(simulation=scene), np.array([0, 0, 0, 0, 0, 0, 1.0])
+        )
+        np.testing.assert_allclose(seen[:3], [-1.0, 0.0, 0.0])
+
+    def test_twists_in_a_frame(self):
+        """They are turned into its axes."""
+        entries = [f"{{from: twist, of: psm1/toolyawlink{more}}}" for more in ("", ", in: psm1/toolpitchlink")]
+        entries.append("{from: orientation, of: psm1/toolpitchlink}")
+        rows = self.rows("features:\n  a:\n" + "".join(f"    - {entry}\n" for entry in entries), "twists")
+        self.assertGreater(np.ptp(rows[:, :6]), 1e-3)
+        for row in rows:
+            for half in (0, 3):
+                turned = mapping._rotate(row[12:], row[6 + half : 9 + half])
+                np.testing.assert_allclose(turned, row[half : half + 3], atol=1e-12)
+
+    def test_notes_that_are_added(self):
+        """They are as good as those of the recording: for numbers, and as the beginning."""
+        text = "begin: late\nfeatures:\n  a:\n    - {from: note, of: goal, count: 2}\n"
+        added = [("0.1", "late"), ("0.2", "goal: 3 4"), ("0.0", "goal: 1 2")]
+        rows = self.rows(text, "noted", *(word for note in added for word in ("--note", *note)))
+        self.assertEqual((list(rows[0]), list(rows[-1]), len(rows)), ([1.0, 2.0], [3.0, 4.0], 7))
 
     def test_cameras_look_where_they_are_told(self):
         """Along -x, right is +y, up is +z."""
@@ -323,6 +354,9 @@ class Mappings(unittest.TestCase):
             ("features: {a: [{from: joint position, of: []}]}", "empty list"),
             ("features: {a: [{from: position, of: psm1/baselink, offset: 1}]}", "`offset`: 1"),
             ("features: {a: [{from: position, of: psm1/baselink, offset: {rpy: [0, 0]}}]}", "three numbers"),
+            ("features: {a: [{from: joint position, of: a, count: 2}]}", "`from: joint position`: unknown key `count`"),
+            ("features: {a: [{from: note, of: goal, in: world}]}", "`from: note`: unknown key `in`"),
+            ("features: {a: [{from: twist, of: psm1/baselink, offset: {}}]}", "unknown key `offset`"),
             ("features: {a: [{from: speed, of: psm1/baselink}]}", "`from: speed` is not known"),
         ):
             with self.subTest(text):

@@ -16,7 +16,7 @@ mod replay;
 pub use codec::CodeError;
 pub use entry::Entry;
 pub(super) use playback::Played;
-pub use playback::{playback, Feed, Playback};
+pub use playback::{playback, Feed, Playback, AHEAD_BYTES};
 pub use recorder::{recorder, EarlyEnd, Recorder, Tap, Unpacker, HASH_INTERVAL};
 pub use replay::{ReplayError, Replayed, Replayer};
 

@@ -14,9 +14,9 @@ use crate::sim::{LostState, Simulation};
 
 /// Entries that are read ahead: some tenths of a second of two arms at 1 kHz.
 const AHEAD: usize = 4096;
-/// Bytes of them, as [`Entry::write`] writes them, from which on no more are read ahead: lists of joints and of voxels may be
-/// long.
-const AHEAD_BYTES: usize = 64 << 20;
+/// Bytes of entries, as [`Entry::write`] writes them, from which on no more are read ahead: lists of joints and of voxels may
+/// be long.
+pub const AHEAD_BYTES: usize = 64 << 20;
 
 /// An entry, and what was read for it.
 struct Ahead {
@@ -26,9 +26,12 @@ struct Ahead {
 
 /// The reader's end. Dropping it ends the recording.
 pub struct Feed {
-    /// Bytes of each entry that is under way, in order, and of all.
-    sizes: VecDeque<usize>,
+    /// Bytes of each entry that is under way, and whether a model was read for it, in order.
+    sizes: VecDeque<(usize, bool)>,
+    /// Bytes of all of them.
     bytes: usize,
+    /// Whether a model is under way.
+    has_model: bool,
     /// An entry that is measured.
     written: Vec<u8>,
     entries: Producer<Ahead>,
@@ -55,6 +58,7 @@ pub fn playback(replayer: Replayer) -> (Feed, Playback) {
     let feed = Feed {
         sizes: VecDeque::new(),
         bytes: 0,
+        has_model: false,
         written: Vec::new(),
         entries: producer,
         used: taker,
@@ -64,19 +68,24 @@ pub fn playback(replayer: Replayer) -> (Feed, Playback) {
 }
 
 impl Feed {
-    /// Hands the next entry over; gives it back while there is no room for it. Reads the files of a model that is added.
+    /// Hands the next entry over; gives it back while there is no room for it. Reads the files of a model that is added, when
+    /// the one before was added: meshes are large.
     pub fn push(&mut self, entry: Entry<'static>) -> Option<Entry<'static>> {
         // They come back in the order in which they went.
         while self.used.pop().is_ok() {
-            self.bytes -= self.sizes.pop_front().unwrap_or(0);
+            let (bytes, is_model) = self.sizes.pop_front().unwrap_or((0, false));
+            self.bytes -= bytes;
+            self.has_model &= !is_model;
         }
-        if self.bytes >= AHEAD_BYTES || self.entries.is_full() {
+        let is_model = matches!(entry, Entry::AddModel { .. });
+        if self.bytes >= AHEAD_BYTES || self.entries.is_full() || (is_model && self.has_model) {
             return Some(entry);
         }
         self.written.clear();
         entry.write(&mut self.written);
-        self.sizes.push_back(self.written.len());
+        self.sizes.push_back((self.written.len(), is_model));
         self.bytes += self.written.len();
+        self.has_model |= is_model;
         let prepared = prepared(&entry);
         match self.entries.push(Ahead { entry, prepared }) {
             Ok(()) => None,
@@ -241,8 +250,15 @@ mod tests {
         let add = || Entry::AddModel { file: file.display().to_string() };
         assert!(feed.push(add()).is_none());
         std::fs::remove_file(&file).expect("it is there");
-        assert!(feed.push(add()).is_none() && feed.push(Entry::ResetBodies {}).is_none());
-        let mut found = || playback.entries.pop().expect("it was pushed").prepared.map(|prepared| prepared.is_ok());
-        assert_eq!([found(), found(), found()], [Some(true), Some(false), None]);
+        assert!(feed.push(add()).is_some(), "one model at a time");
+        assert!(feed.push(Entry::ResetBodies {}).is_none(), "what follows is read");
+        let mut found = || {
+            let Ahead { entry, prepared } = playback.entries.pop().expect("it was pushed");
+            playback.give_back(entry);
+            prepared.map(|prepared| prepared.is_ok())
+        };
+        assert_eq!([found(), found()], [Some(true), None]);
+        assert!(feed.push(add()).is_none());
+        assert_eq!(found(), Some(false));
     }
 }

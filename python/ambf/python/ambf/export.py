@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from . import bags
 from .errors import AmbfError, ExportError
-from .mapping import MappingOf, Picture, shipped
+from .mapping import MappingOf, Note, Picture, shipped
 from .recording import Recording
 from .simulation import Array
 
@@ -105,10 +105,6 @@ class Video:
             self._process.communicate()
 
 
-Note = Tuple[float, str]
-"""Simulated time, s, and a text."""
-
-
 def _notes(recording: Recording, more: Sequence[Note]) -> List[Note]:
     """Those of a recording and further ones, in order. The recording must be at its beginning. Raises ExportError."""
     begin = recording.simulation.sim_time
@@ -127,10 +123,11 @@ def sample(
     """Replays a recording and samples it; videos are written into the folder. `notes`: beside those of the recording."""
     more = notes
     with Recording(file, changed_files=changed_files) as recording:
-        columns = mapping.columns(recording.simulation)
-        viewpoints = {name: picture.viewpoint(name, recording.simulation) for name, picture in mapping.images.items()}
+        # Of a note the numbers are there from the beginning on if it was noted there; frames begin when it was noted.
         notes = _notes(recording, more)
-        start = _start(recording, mapping.begin)
+        start = _start(recording, [*recording.notes, *more], mapping.begin)
+        columns = mapping.columns(recording.simulation, notes)
+        viewpoints = {name: picture.viewpoint(name, recording.simulation) for name, picture in mapping.images.items()}
         begin = recording.simulation.sim_time if start is None else start
         times: List[float] = []
         rows: Dict[str, List[List[float]]] = {name: [] for name in columns}
@@ -178,13 +175,13 @@ def sample(
     )
 
 
-def _start(recording: Recording, note: str) -> Optional[float]:
+def _start(recording: Recording, notes: Sequence[Note], note: str) -> Optional[float]:
     """Simulated time of the first note of that name, s; None if there is no name. Raises ExportError."""
     if not note:
         return None
-    for time, text in recording.notes:
-        if text.split(":", 1)[0].strip() == note:
-            return time
+    times = [time for time, text in notes if text.split(":", 1)[0].strip() == note]
+    if times:
+        return min(times)
     raise ExportError(f"{recording.path}: mapping, `begin: {note}`: no note of this name is in it")
 
 

@@ -21,10 +21,26 @@ Read = Callable[[Recording], Sequence[float]]
 """Numbers of the present moment of a replay."""
 Place = Callable[[Recording], Array]
 """A pose of the present moment, world: (7) position, m, and quaternion x, y, z, w."""
+Note = Tuple[float, str]
+"""Simulated time, s, and a text."""
 
 _KEYS = ("rate", "robot type", "task", "begin", "features", "texts", "images")
 _AXES = {3: ("x", "y", "z"), 4: ("x", "y", "z", "w"), 6: ("fx", "fy", "fz", "tx", "ty", "tz")}
 _TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
+_KEYS_OF = {
+    "joint position": ("offset",),
+    "joint velocity": ("offset",),
+    "joint effort": ("offset",),
+    "joint target": ("offset",),
+    "joint wrench": (),
+    "twist": ("in",),
+    "note": ("count",),
+    "position": ("in", "offset"),
+    "orientation": ("in", "offset"),
+    "target position": ("in", "offset"),
+    "target orientation": ("in", "offset"),
+}
+"""Keys that an entry of each quantity may have beside `from`, `of` and `name`."""
 _IDENTITY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
@@ -116,11 +132,12 @@ class MappingOf:
         made.images = {str(name): _picture(f"{path}: `images / {name}`", image) for name, image in images.items()}
         return made
 
-    def columns(self, simulation: Simulation) -> Dict[str, List[Column]]:
-        """What it means in a scene. Raises ExportError."""
+    def columns(self, simulation: Simulation, notes: Sequence[Note] = ()) -> Dict[str, List[Column]]:
+        """What it means in a scene, and for a recording with these notes, in order. Raises ExportError."""
         if self.features:
             return {
-                name: [_column(simulation, name, entry) for entry in entries] for name, entries in self.features.items()
+                name: [_column(simulation, name, entry, notes) for entry in entries]
+                for name, entries in self.features.items()
             }
         names = joint_names(simulation)
         short = [
@@ -134,7 +151,9 @@ class MappingOf:
         ]
         of = [("observation.state", "joint position"), ("action", "joint target")]
         return {
-            feature: [_column(simulation, feature, {"from": what, "of": full, "name": name}) for full, name in joints]
+            feature: [
+                _column(simulation, feature, {"from": what, "of": full, "name": name}, ()) for full, name in joints
+            ]
             for feature, what in of
         }
 
@@ -216,13 +235,15 @@ def _picture(where: str, image: Any) -> Picture:
     return Picture(camera, width, height, parent=parent, offset=np.append(location, rotation), field_view_angle=angle)
 
 
-def _column(simulation: Simulation, feature: str, entry: Any) -> Column:
-    """The numbers that an entry of a mapping asks for."""
+def _column(simulation: Simulation, feature: str, entry: Any, notes: Sequence[Note]) -> Column:
+    """The numbers that an entry of a mapping asks for; `notes` in order."""
     where = f"mapping, `features / {feature}`"
     if not isinstance(entry, dict) or "from" not in entry:
         raise ExportError(f"{where}: expected {{from: QUANTITY, of: NAME}}, not {entry!r}")
-    _check_keys(where, entry, ("from", "of", "in", "name", "offset", "count"))
     what, of = str(entry["from"]), entry.get("of", "")
+    if what not in _KEYS_OF:
+        raise ExportError(f"{where}: `from: {what}` is not known; expected one of {', '.join(_KEYS_OF)}")
+    _check_keys(f"{where}, `from: {what}`", entry, ("from", "of", "name", *_KEYS_OF[what]))
     joints: Dict[str, Callable[[Recording], Array]] = {
         "joint position": lambda r: r.simulation.joint_positions,
         "joint velocity": lambda r: r.simulation.joint_velocities,
@@ -250,25 +271,26 @@ def _column(simulation: Simulation, feature: str, entry: Any) -> Column:
         if not isinstance(count, int) or not 1 <= count <= 1000:
             raise ExportError(f"{where}: `count`: {count!r}; expected how many numbers the note has")
         names = [name] if count == 1 else [f"{name}.{index}" for index in range(count)]
-        return Column(names, lambda r: _noted(r, str(of), count, where))
+        return Column(names, lambda r: _noted(r, notes, str(of), count, where))
     if what == "twist":
-        twist = _twist_of(simulation, str(of), where)
-        return Column([f"{name}.twist.{axis}" for axis in _TWIST], lambda r: [float(n) for n in twist(r)])
-    parts = {"position": slice(0, 3), "orientation": slice(3, 7)}
-    part = parts.get(what.removeprefix("target "))
-    if part is None:
-        known = ", ".join([*joints, "joint wrench", "twist", "note", *parts, *(f"target {part}" for part in parts)])
-        raise ExportError(f"{where}: `from: {what}` is not known; expected one of {known}")
+        twist, axes = _twist_of(simulation, str(of), where), _frame(simulation, where, entry.get("in"))
+
+        def turned(recording: Recording) -> List[float]:
+            velocities, rotation = twist(recording), axes(recording, _IDENTITY)[3:]
+            return [float(n) for half in (velocities[:3], velocities[3:]) for n in _rotate(rotation, half)]
+
+        return Column([f"{name}.twist.{axis}" for axis in _TWIST], turned)
+    part = slice(0, 3) if what.endswith("position") else slice(3, 7)
     body = target_of(simulation, str(of), where) if what.startswith("target ") else place_of(simulation, str(of), where)
     fixed, frame = _offset(where, entry), _frame(simulation, where, entry.get("in"))
     names = [f"{name}.{what.removeprefix('target ')}.{axis}" for axis in _AXES[part.stop - part.start]]
     return Column(names, lambda r: [float(number) for number in frame(r, compose(body(r), fixed))[part]])
 
 
-def _noted(recording: Recording, name: str, count: int, where: str) -> List[float]:
+def _noted(recording: Recording, notes: Sequence[Note], name: str, count: int, where: str) -> List[float]:
     """The numbers of the newest note of that name: `goal: 0.1 0.2 0.3`. Raises ExportError."""
     now = recording.simulation.sim_time + 1e-9
-    texts = [text.split(":", 1)[1] for time, text in recording.notes if time <= now and text.startswith(f"{name}:")]
+    texts = [text.split(":", 1)[1] for time, text in notes if time <= now and text.startswith(f"{name}:")]
     try:
         numbers = [float(word) for word in texts[-1].replace(",", " ").split()] if texts else []
     except ValueError as error:
@@ -311,15 +333,13 @@ def _joint(simulation: Simulation, where: str, name: str) -> int:
 
 def _body(simulation: Simulation, name: str, where: str) -> Tuple[str, Optional[int]]:
     """A body: its name, and its row in the arrays; None: it has none, because it is passive."""
+    # In one list: the whole name of one is not taken for a part of another's.
+    names = [*simulation.bodies, *simulation.passive_bodies]
     try:
-        row = find(name, simulation.bodies, "bodies")
-        return simulation.bodies[row], row
+        index = find(name, names, "bodies")
     except (LookupError, IndexError) as error:
-        try:
-            passive = simulation.passive_bodies
-            return passive[find(name, passive, "bodies")], None
-        except (LookupError, IndexError):
-            raise ExportError(f"{where}: {error}") from error
+        raise ExportError(f"{where}: {error}") from error
+    return names[index], index if index < len(simulation.bodies) else None
 
 
 def place_of(simulation: Simulation, name: str, where: str) -> Place:
@@ -383,15 +403,16 @@ def _frame(simulation: Simulation, where: str, name: Any) -> Callable[[Recording
     """Poses in the frame of a body or a camera; None: in the world."""
     if name is None or name == "world":
         return lambda _, pose: pose
-    text = str(name)
+    bodies = [*simulation.bodies, *simulation.passive_bodies]
+    names = [*bodies, *simulation.cameras]
     try:
-        place = place_of(simulation, text, where)
-    except ExportError as error:
-        try:
-            camera = find(text, simulation.cameras, "frames")
-        except (LookupError, IndexError):
-            raise ExportError(f"{where}: `in: {text}`: no body and no camera has this name") from error
+        index = find(str(name), names, "bodies and cameras")
+    except (LookupError, IndexError) as error:
+        raise ExportError(f"{where}: `in: {name}`: {error}") from error
+    if index >= len(bodies):
+        camera = index - len(bodies)
         return lambda r, pose: relative(r.simulation.camera_pose(camera), pose)
+    place = place_of(simulation, bodies[index], where)
     return lambda r, pose: relative(place(r), pose)
 
 
