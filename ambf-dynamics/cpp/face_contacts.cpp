@@ -143,7 +143,16 @@ Replaced FaceContacts::replace(const btCollisionObjectWrapper &first, const btCo
         select_contacts(found_, found_[lowest], object.getWorldTransform().getOrigin(), threshold);
     // Nearer points are one for Bullet.
     if (selection.count < 2 || !(selection.kept[0]->point.distance(selection.kept[1]->point) > 2 * threshold)) continue;
-    manifold.clearManifold();
+    const auto is_kept = [&](const btVector3 &on_ground) {
+      for (int i = 0; i < selection.count; ++i) {
+        if (on_ground.distance(selection.kept[i]->point) <= threshold) return true;
+      }
+      return false;
+    };
+    for (int i = manifold.getNumContacts(); i-- > 0;) {
+      const btManifoldPoint &point = manifold.getContactPoint(i);
+      if (!is_line || !is_kept(side == 0 ? point.getPositionWorldOnB() : point.getPositionWorldOnA())) manifold.removeContactPoint(i);
+    }
     for (int i = 0; i < selection.count; ++i) {
       const SurfaceContact &contact = *selection.kept[i];
       if (side == 0) {

@@ -19,10 +19,13 @@ use crate::qos::Qos;
 use crate::subscription::Incoming;
 
 /// How long a reply waits for its client's subscription to be found.
-const WAIT_FOR_CLIENT: Duration = Duration::from_millis(500);
+const WAIT_FOR_CLIENT: Duration = Duration::from_secs(5);
 
 /// Replies that wait at most; of more the oldest are lost.
 const WAITING_REPLIES: usize = 256;
+
+/// Kinds of endpoints that subscribe, the last byte of an identifier: without and with a key (DDSI-RTPS 2.5, table 9.1).
+const READERS: [u8; 2] = [0x04, 0x07];
 
 /// Bytes of a participant's identifier, with which those of its endpoints begin.
 const PREFIX: usize = 12;
@@ -132,10 +135,12 @@ impl Server {
         self.incoming.node.shared.signal.ready(self.incoming.source);
     }
 
-    /// Whether the client's subscription to replies is known.
+    /// Whether the client's subscription to replies is known: that which its request names, as those of Fast DDS do; a process may
+    /// have had others before. Of a request that names none, any of its participant.
     fn is_found(&self, to: &SampleIdentity) -> bool {
         let client = to.writer_guid.to_bytes();
-        self.replies.has_reader(|reader: &GUID| reader.to_bytes()[..PREFIX] == client[..PREFIX])
+        let length = if READERS.contains(&client[client.len() - 1]) { client.len() } else { PREFIX };
+        self.replies.has_reader(|reader: &GUID| reader.to_bytes()[..length] == client[..length])
     }
 
     /// Sends replies that have waited for their client, or long enough.

@@ -332,10 +332,11 @@ class Held(Changing):
 
     def test_what_holds_is_removed(self):
         """Then the body falls, and the topics of the actuator go."""
-        self.added(written("load.yaml", model({"BODY Load": box("Load", 1.0, x=10.0, z=-0.3)})))
-        load = self.listen("/ambf/env/Load/State", RigidBodyState)
         grip = self.listen("/ambf/env/grip/State", ActuatorState)
+        # It is there first: what falls meanwhile could lie on the ground.
         with node.Stream("/ambf/env/grip/Command", ActuatorCmd(actuate=True, body_name=String("BODY Load"))):
+            self.added(written("load.yaml", model({"BODY Load": box("Load", 1.0, x=10.0, z=-0.3)})))
+            load = self.listen("/ambf/env/Load/State", RigidBodyState)
             grip.until(lambda state: state.actuated, "it holds")
             height = load.next().pose.position.z
             self.pass_time(0.3)

@@ -109,11 +109,13 @@ class Client:
     def call(self, kind, name, request):
         """The answer of the service `name`."""
         client = self.node.create_client(kind, name)
-        self.wait_for(client.service_is_ready, f"the service {name}")
-        answer = client.call_async(request)
-        result = self.wait_for(lambda: answer.done() and answer, f"an answer of {name}").result()
-        self.node.destroy_client(client)
-        return result
+        try:
+            self.wait_for(client.service_is_ready, f"the service {name}")
+            answer = client.call_async(request)
+            return self.wait_for(lambda: answer.done() and answer, f"an answer of {name}").result()
+        finally:
+            # A node that is destroyed with a call that is not answered does not end.
+            self.node.destroy_client(client)
 
     def close(self):
         """Ends it."""

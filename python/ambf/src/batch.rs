@@ -24,6 +24,9 @@ use crate::pool::Counts;
 use crate::world::{slice, SLICE};
 use crate::{contacts, errors, names, parameters, tree};
 
+/// Worlds and places of two bodies, and numbers, of all contact points.
+type Contacts<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
+
 /// Kind of a body or joint that is not commanded.
 const NONE: i8 = -1;
 
@@ -666,7 +669,7 @@ impl Batch {
     }
 
     /// Of all contact points: the world and the places of the two bodies, and their numbers.
-    fn contacts<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>)> {
+    fn contacts<'py>(&self, py: Python<'py>) -> PyResult<Contacts<'py>> {
         let (mut places, mut numbers) = (Vec::new(), Vec::new());
         self.with(py, |lanes| {
             for (world, lane) in (0..).zip(lanes.iter()) {
