@@ -505,8 +505,8 @@ class Others(Seen):
                 harness.wait_for(lambda: victim.log().count("seq:") > 2, "it reads")
                 victim.process.send_signal(signal.SIGKILL)
                 victim.process.wait()
-            beside = healthy.rate(3.0)
-            self.assertGreater(beside, 0.4 * alone, "clouds a second beside others, and alone")
+            # Not at once where other programs have just taken the processor.
+            harness.wait_for(lambda: healthy.rate(3.0) > 0.4 * alone, f"clouds as often as before, {alone:.1f} a second")
             # It has not been dropped: the old message, then the newest.
             first = tcpros.read_block(hanging)
             second = tcpros.read_block(hanging)
