@@ -133,7 +133,7 @@ fn a_ball_and_a_box_rest_at_the_height_of_the_surface() {
             assert!(shape != BOX || tilt < 1e-3, "{profile:?}: {tilt}");
             // The body that carries the volume has its name and is what touches.
             let scene = scene(&on);
-            assert_eq!(scene.bodies[BodyId::new(1)].identity.key(), "BODY bone");
+            assert_eq!(scene.bodies[BodyId::new(1)].identity.key(), "BODY bone (volume)");
             let mut contacts = Vec::new();
             scene.world.contacts(scene.world.bodies()[0], 1e-4, &mut contacts);
             assert!(!contacts.is_empty() && contacts.iter().all(|c| c.other == scene.world.bodies()[1]));
@@ -277,7 +277,7 @@ fn a_contact_sensor_feels_a_volume() {
     let mut on = setting(Profile::Legacy, DOWN, &block(), CONTACT, &[("it", it)], sensor);
     on.step(100).expect("it holds");
     let reading = &on.snapshot().contacts[SensorId::new(0)];
-    assert!(matches!(&reading.bodies[..], [body] if body.identifier.ends_with("BODY bone")), "{reading:?}");
+    assert!(matches!(&reading.bodies[..], [body] if body.identifier.ends_with("BODY bone (volume)")), "{reading:?}");
 }
 
 #[test]

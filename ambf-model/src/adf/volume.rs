@@ -399,7 +399,7 @@ mod tests {
         assert_eq!((carrier.surface.static_friction, carrier.surface.restitution), (0.2, 0.0));
         assert_eq!(carrier.location.translation.vector, Vector3::new(1.0, 2.0, 3.0));
         let [v, w, x] = &model.volumes[..] else { panic!() };
-        assert_eq!((v.parent.as_str(), v.location, v.has_location), ("BODY v", Isometry3::identity(), true));
+        assert_eq!((v.parent.as_str(), v.location, v.has_location), ("BODY v (volume)", Isometry3::identity(), true));
         assert_eq!(
             (w.parent.as_str(), &w.contact, w.location.translation.x),
             ("B", &Some(VolumeContact::default()), 1.0)
