@@ -85,7 +85,37 @@ void ArticulatedWorld::clearForces() {
 
 void ArticulatedWorld::predictUnconstraintMotion(btScalar h) { btDiscreteDynamicsWorld::predictUnconstraintMotion(h); }
 
-void ArticulatedWorld::solveExternalForces(btContactSolverInfo &info) {
+void ArticulatedWorld::solveConstraints(btContactSolverInfo &info) {
+  move_freely(info);
+  m_constraintSolver->prepareSolve(getNumCollisionObjects(), getDispatcher()->getNumManifolds());
+  if (is_solved()) return;
+  LazyWorld::calculateSimulationIslands();
+  // The part of Bullet's solveExternalForces that is not dynamics: sorting constraints by island.
+  m_sortedConstraints.copyFromArray(m_constraints);
+  m_sortedConstraints.quickSort(btSortConstraintOnIslandPredicate2());
+  m_sortedMultiBodyConstraints.resize(0);
+  for (int i = 0; i < m_multiBodyConstraints.size(); ++i)
+    m_sortedMultiBodyConstraints.push_back(m_multiBodyConstraints[i]);
+  m_sortedMultiBodyConstraints.quickSort(btSortMultiBodyConstraintOnIslandPredicate());
+  btTypedConstraint **typed = m_sortedConstraints.size() ? &m_sortedConstraints[0] : nullptr;
+  btMultiBodyConstraint **rows = m_sortedMultiBodyConstraints.size() ? &m_sortedMultiBodyConstraints[0] : nullptr;
+  m_solverMultiBodyIslandCallback->setup(&info, typed, m_sortedConstraints.size(), rows,
+                                         m_sortedMultiBodyConstraints.size(), getDebugDrawer());
+  buildIslands();
+  solveInternalConstraints(info);
+}
+
+// Whether the motion without constraints is that of the sub-step: nothing moves but articulations without rows.
+bool ArticulatedWorld::is_solved() const {
+  if (m_constraints.size() > 0) return false;
+  for (int i = 0; i < m_nonStaticRigidBodies.size(); ++i) {
+    if (!m_nonStaticRigidBodies[i]->isKinematicObject()) return false;
+  }
+  return std::none_of(articulations.begin(), articulations.end(), [](const auto *each) { return each->has_rows; });
+}
+
+// Finds the motion of articulations over the next sub-step without contacts and external constraints.
+void ArticulatedWorld::move_freely(btContactSolverInfo &info) {
   // Contact rows of links are warm-started, and have two friction directions: a single one would have a fixed
   // direction.
   if (!articulations.empty()) {
@@ -108,18 +138,6 @@ void ArticulatedWorld::solveExternalForces(btContactSolverInfo &info) {
     articulation->integrate_free_motion(info.m_timeStep);
     if (articulation->has_rows) articulation->prepare_rows(info.m_timeStep);
   }
-  // The part of Bullet's function that is not dynamics: sorting constraints by island.
-  m_sortedConstraints.copyFromArray(m_constraints);
-  m_sortedConstraints.quickSort(btSortConstraintOnIslandPredicate2());
-  m_sortedMultiBodyConstraints.resize(0);
-  for (int i = 0; i < m_multiBodyConstraints.size(); ++i)
-    m_sortedMultiBodyConstraints.push_back(m_multiBodyConstraints[i]);
-  m_sortedMultiBodyConstraints.quickSort(btSortMultiBodyConstraintOnIslandPredicate());
-  btTypedConstraint **typed = m_sortedConstraints.size() ? &m_sortedConstraints[0] : nullptr;
-  btMultiBodyConstraint **rows = m_sortedMultiBodyConstraints.size() ? &m_sortedMultiBodyConstraints[0] : nullptr;
-  m_solverMultiBodyIslandCallback->setup(&info, typed, m_sortedConstraints.size(), rows,
-                                         m_sortedMultiBodyConstraints.size(), getDebugDrawer());
-  m_constraintSolver->prepareSolve(getNumCollisionObjects(), getDispatcher()->getNumManifolds());
 }
 
 void ArticulatedWorld::integrateTransforms(btScalar h) {

@@ -696,6 +696,8 @@ void AmbArticulation::integrate(btScalar h) {
   const bool is_accounted = engine_of(world).ledger.enabled;
   if (is_corrected && is_accounted) book_correction(h);
   if (is_corrected) dynamics.advance_position(position, h, correction);
+  // The free motion ends with the poses and velocities of its bodies.
+  bool is_elsewhere = has_rows || is_corrected || !couplings.empty();
   is_corrected = false;
   for (size_t i = 0; i < couplings.size(); ++i) {
     const ArticulationDynamics::Coupling &terms = dynamics.couplings[i];
@@ -705,14 +707,17 @@ void AmbArticulation::integrate(btScalar h) {
   if (dynamics.fixed_base) {
     // It has been moved.
     const btRigidBody &base = members[0].body->body;
+    is_elsewhere = is_elsewhere || dynamics.is_carried() || differ(base.getWorldTransform(), base_pose);
     base_pose = base.getWorldTransform();
     position.origin = base_pose.getOrigin();
     position.rotation = base_pose.getRotation();
     rate.linear = base.getLinearVelocity();
     rate.angular = base.getAngularVelocity();
   }
-  dynamics.update_poses(position);
-  dynamics.update_velocities(rate);
+  if (is_elsewhere) {
+    dynamics.update_poses(position);
+    dynamics.update_velocities(rate);
+  }
   if (keeps_momentum) dynamics.set_momentum(motion.momentum, dynamics.mass_centre(), rate);
   limit_energy(motion.energy_limit, motion.momentum);
   // Rows are linear in the motion, and turns of radians in a sub-step are not. Without rows the equations of motion resolve

@@ -188,7 +188,9 @@ class ArticulatedWorld : public LazyWorld<btMultiBodyDynamicsWorld> {
   void applyGravity() override;
   void clearForces() override;
   void predictUnconstraintMotion(btScalar h) override;
-  void solveExternalForces(btContactSolverInfo &info) override;
+  // Islands are found after the free motion, and only where there is something to solve.
+  void calculateSimulationIslands() override {}
+  void solveConstraints(btContactSolverInfo &info) override;
   void integrateTransforms(btScalar h) override;
   // See amb_world_restore_order.
   void restore_order(AmbConstraint *const *constraints, int n, const Vector<AmbCoupling *> &couplings);
@@ -198,6 +200,9 @@ class ArticulatedWorld : public LazyWorld<btMultiBodyDynamicsWorld> {
   Vector<AmbConstraint *> external_constraints;
 
  private:
+  void move_freely(btContactSolverInfo &info);
+  bool is_solved() const;
+
   Places multi_body_places, multi_body_constraint_places;
 };
 

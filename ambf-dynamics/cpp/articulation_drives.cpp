@@ -29,6 +29,21 @@ btScalar bound_of(const Drive &drive) { return drive.state == Drive::State::Low 
 
 }  // namespace
 
+Drive ArticulationDynamics::Bound::as_drive() const {
+  Drive drive;
+  drive.coordinate = coordinate;
+  drive.target = target;
+  drive.softness = 0;
+  drive.low = side > 0 ? 0 : -BT_LARGE_FLOAT;
+  drive.high = side > 0 ? BT_LARGE_FLOAT : 0;
+  drive.is_angle = is_angle;
+  drive.side = side;
+  drive.gap = gap;
+  drive.is_limit = true;
+  drive.state = side > 0 ? Drive::State::Low : Drive::State::High;
+  return drive;
+}
+
 // Sets what the drives in their present states add to the equations of motion.
 void ArticulationDynamics::load_drives() {
   for (int k = 0; k < coordinates; ++k) {
@@ -213,18 +228,22 @@ void ArticulationDynamics::add_drive_sums(btScalar time, const Rate &rate) {
 // not. Returns whether there are such limits.
 bool ArticulationDynamics::catch_limits(const Position &from, const Position &to, const Rate &rate) {
   bool caught = false;
-  const auto is_passed = [&](Drive &drive) {
-    if (drive.side == 0 || is_free(drive) || drive.gap < 0) return false;
-    const int k = drive.coordinate;
-    const bool is_reached = drive.bounds_rate() || drive.gap + drive.side * (to.q[k] - from.q[k]) < 0;
-    if (!is_reached || drive.side * (rate.q[k] - drive.target) >= 0) return false;
+  const auto is_passed = [&](const auto &bound) {
+    const int k = bound.coordinate;
+    const bool is_reached = bound.bounds_rate() || bound.gap + bound.side * (to.q[k] - from.q[k]) < 0;
+    return is_reached && bound.side * (rate.q[k] - bound.target) < 0;
+  };
+  const auto release = [&](Drive &drive) {
     drive.start_state = Drive::State::Free;
     caught = true;
-    return true;
   };
-  for (Drive &drive : drives) is_passed(drive);
-  for (Drive &drive : distant_limits) {
-    if (is_passed(drive)) drives.push_back(drive);
+  for (Drive &drive : drives) {
+    if (drive.side != 0 && !is_free(drive) && drive.gap >= 0 && is_passed(drive)) release(drive);
+  }
+  for (const Bound &bound : distant_limits) {
+    if (!is_passed(bound)) continue;
+    drives.push_back(bound.as_drive());
+    release(drives.back());
   }
   return caught;
 }

@@ -674,11 +674,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     splits_damping = splits_damping || std::max(body.linear_drag, body.angular_drag) * h > MAX_DECAY;
   }
   start_rate = rate;
-  if (splits_damping) {
-    apply_damping(h / 2, from, start_rate);
-  } else {
-    update_velocities(start_rate);
-  }
+  if (splits_damping) apply_damping(h / 2, from, start_rate);
   const btScalar kinetic = start_energy = internal_energy();
   Momentum before, wrench_before;
   if (!fixed_base) {

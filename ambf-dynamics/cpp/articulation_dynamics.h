@@ -103,6 +103,17 @@ class ArticulationDynamics {
     btScalar impulse = 0, mean_impulse = 0, work = 0;
   };
 
+  // A limit of a coordinate, or a bound of its rate, which keeps the rate above (side 1) or below (-1) the target where it has to;
+  // see Drive::gap.
+  struct Bound {
+    int coordinate;
+    btScalar side, target, gap;
+    bool is_angle;
+
+    bool bounds_rate() const { return gap >= BT_LARGE_FLOAT; }
+    Drive as_drive() const;
+  };
+
   // Linear (N s) and angular (N m s) momentum.
   struct Momentum {
     btVector3 linear{0, 0, 0}, angular{0, 0, 0};
@@ -152,8 +163,8 @@ class ArticulationDynamics {
   // Whether steps are semi-implicit Euler steps, with one evaluation of the accelerations, instead of those of the classical
   // Runge-Kutta method.
   bool by_euler = false;
-  // Integrates over h s. Poses must be those of `from`, and are undefined afterwards. The step is divided into sub-intervals if the articulation vibrates or turns too fast for it, and
-  // further while the kinetic energy grows by more than the work of all forces. Damping that is stiff for h is split
+  // Integrates over h s. Poses and velocities must be those of `from` and `rate`; afterwards they are those of `to` and `new_rate`. The
+  // step is divided into sub-intervals if the articulation vibrates or turns too fast for it, and further while the kinetic energy grows by more than the work of all forces. Damping that is stiff for h is split
   // off (Strang splitting): it acts for h / 2 before and after the step.
   void step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
   // Drives act in it: limits are found to be reached or not, and motors within their bounds, by the accelerations at the
@@ -233,6 +244,9 @@ class ArticulationDynamics {
   // becomes that given. Changes the rate of the base.
   void set_momentum(const Momentum &momentum, const btVector3 &about, Rate &rate);
 
+  // Whether a fixed base moves.
+  bool is_carried() const { return fixed_base && !(linear[0].isZero() && angular[0].isZero()); }
+
   // No force moves the base. It may be moved all the same: the velocity of all rates is then that of its prescribed motion,
   // at a constant twist over a step.
   const bool fixed_base;
@@ -247,7 +261,7 @@ class ArticulationDynamics {
   Vector<Drive> drives;
   // Limits that the step will not reach unless a rate more than doubles: where it does reach one, it is added to the drives and
   // the step made again.
-  Vector<Drive> distant_limits;
+  Vector<Bound> distant_limits;
   // Force on each coordinate, N or N m, constant over a step.
   Vector<btScalar> generalised_forces;
   // Those without what `bound_acceleration` adds, during a step.
@@ -288,8 +302,7 @@ class ArticulationDynamics {
   };
 
   btVector3 total_force() const;
-  // Whether a fixed base moves, and the velocity that a body would have with it if all joints were rigid; else 0.
-  bool is_carried() const { return fixed_base && !(linear[0].isZero() && angular[0].isZero()); }
+  // The velocity that a body would have with a fixed base that moves if all joints were rigid; else 0.
   btVector3 carried_linear(size_t body) const {
     return is_carried() ? linear[0] + angular[0].cross(origins[body] - origins[0]) : btVector3(0, 0, 0);
   }

@@ -209,32 +209,16 @@ void JointRows::plan_limit_drive(int coordinate, btScalar low, btScalar high, bo
     btScalar target = gap < 0 ? 0 : -gap / h;
     if (bounce > 0 && gap + h * speed < 0) target = std::max(target, -bounce * speed);
     const bool is_distant = gap > NEAR_LIMIT * (high - low) && gap + 2 * h * speed > 0;
-    add_bound(bound_of(coordinate, side, side * target, gap, is_angle), is_distant);
+    add_bound({coordinate, side, side * target, gap, is_angle}, is_distant);
   }
 }
 
-void JointRows::add_bound(const ArticulationDynamics::Drive &bound, bool is_distant) {
+void JointRows::add_bound(const ArticulationDynamics::Bound &bound, bool is_distant) {
   if (is_distant) {
     articulation.dynamics.distant_limits.push_back(bound);
   } else {
-    add_drive(bound, source_of(bound));
+    add_drive(bound.as_drive(), bound.bounds_rate() ? LARGEST_RATE : LIMIT);
   }
-}
-
-// A drive that keeps the rate above (side 1) or below (-1) its target where it has to; see Drive::gap.
-ArticulationDynamics::Drive JointRows::bound_of(int coordinate, btScalar side, btScalar target, btScalar gap, bool is_angle) {
-  ArticulationDynamics::Drive drive;
-  drive.coordinate = coordinate;
-  drive.target = target;
-  drive.softness = 0;
-  drive.low = side > 0 ? 0 : -BT_LARGE_FLOAT;
-  drive.high = side > 0 ? BT_LARGE_FLOAT : 0;
-  drive.is_angle = is_angle;
-  drive.side = side;
-  drive.gap = gap;
-  drive.is_limit = true;
-  drive.state = side > 0 ? ArticulationDynamics::Drive::State::Low : ArticulationDynamics::Drive::State::High;
-  return drive;
 }
 
 void JointRows::plan_drives(btScalar h) {
@@ -264,7 +248,7 @@ void JointRows::plan_drives(btScalar h) {
     for (const btScalar side : {1, -1}) {
       if (!joint.motor.bounds_rate()) break;
       const bool is_distant = side * articulation.rate.q[link.coordinate] > -joint.motor.max_rate / 2;
-      add_bound(bound_of(link.coordinate, side, -side * joint.motor.max_rate, BT_LARGE_FLOAT, is_hinge), is_distant);
+      add_bound({link.coordinate, side, -side * joint.motor.max_rate, BT_LARGE_FLOAT, is_hinge}, is_distant);
     }
     plan_limit_drive(link.coordinate, joint.motor.low, joint.motor.high, is_hinge, is_hinge ? HINGE_BOUNCE : 0, h);
   }
@@ -282,7 +266,7 @@ void JointRows::take_drives() {
   // Limits that were distant.
   for (size_t i = planned.size(); i < drives.size(); ++i) {
     const ArticulationDynamics::Drive &limit = drives[i];
-    const int source = source_of(limit);
+    const int source = limit.bounds_rate() ? LARGEST_RATE : LIMIT;
     planned.push_back({limit.coordinate, limit.target, 0, limit.low, limit.high, source, 0, 0, limit.is_angle});
   }
   for (size_t i = 0; i < planned.size(); ++i) {

@@ -103,9 +103,7 @@ class JointRows : public EngineRows {
   void plan_drive(int coordinate, btScalar target, btScalar softness, btScalar low, btScalar high, int source, bool is_angle);
   void plan_limit_drive(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar bounce, btScalar h);
   void add_drive(const ArticulationDynamics::Drive &drive, int source);
-  void add_bound(const ArticulationDynamics::Drive &bound, bool is_distant);
-  static int source_of(const ArticulationDynamics::Drive &bound) { return bound.bounds_rate() ? LARGEST_RATE : LIMIT; }
-  static ArticulationDynamics::Drive bound_of(int coordinate, btScalar side, btScalar target, btScalar gap, bool is_angle);
+  void add_bound(const ArticulationDynamics::Bound &bound, bool is_distant);
   btScalar coordinate_within(int coordinate, btScalar low, btScalar high, bool is_angle) const;
   void remember(btScalar h);
   bool motor_of(const AmbConstraint &joint, btScalar h, btScalar &target, btScalar &softness, btScalar &impulse) const;
