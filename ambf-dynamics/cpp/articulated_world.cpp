@@ -107,9 +107,12 @@ void ArticulatedWorld::solveConstraints(btContactSolverInfo &info) {
 
 // Whether the motion without constraints is that of the sub-step: nothing moves but articulations without rows.
 bool ArticulatedWorld::is_solved() const {
-  if (m_constraints.size() > 0) return false;
   for (int i = 0; i < m_nonStaticRigidBodies.size(); ++i) {
-    if (!m_nonStaticRigidBodies[i]->isKinematicObject()) return false;
+    if (!m_nonStaticRigidBodies[i]->isStaticOrKinematicObject()) return false;
+  }
+  for (int i = 0; i < m_constraints.size(); ++i) {
+    const btTypedConstraint &constraint = *m_constraints[i];
+    if (!constraint.getRigidBodyA().isStaticOrKinematicObject() || !constraint.getRigidBodyB().isStaticOrKinematicObject()) return false;
   }
   return std::none_of(articulations.begin(), articulations.end(), [](const auto *each) { return each->has_rows; });
 }

@@ -47,7 +47,7 @@ Drive ArticulationDynamics::Bound::as_drive() const {
 // Sets what the drives in their present states add to the equations of motion.
 void ArticulationDynamics::load_drives() {
   for (int k = 0; k < coordinates; ++k) {
-    drive_inertia[k] = drive_pull[k] = 0;
+    driven[k] = {0, 0, 0, 0, 0};
     given_by[k] = -1;
   }
   for (size_t i = 0; i < drives.size(); ++i) {
@@ -55,8 +55,8 @@ void ArticulationDynamics::load_drives() {
     if (!is_free(drive)) continue;
     const int k = drive.coordinate;
     if (!is_rigid(drive)) {
-      drive_inertia[k] += 1 / drive.softness;
-      drive_pull[k] += (drive.target - start_rate.q[k]) / (drive.softness * drive_step);
+      driven[k].inertia += 1 / drive.softness;
+      driven[k].pull += (drive.target - start_rate.q[k]) / (drive.softness * drive_step);
       continue;
     }
     // Where several rigid drives act, a motor that leads away from a limit overrules it, and a limit any other motor. A joint
@@ -70,6 +70,11 @@ void ArticulationDynamics::load_drives() {
       given_by[k] = static_cast<int>(i);
     }
   }
+  for (int k = 0; k < coordinates; ++k) {
+    if (given_by[k] < 0) continue;
+    driven[k].is_given = 1;
+    driven[k].given = (drives[given_by[k]].target - start_rate.q[k]) / drive_step;
+  }
 }
 
 // Adds the forces of the drives that do not depend on the acceleration.
@@ -77,23 +82,12 @@ void ArticulationDynamics::add_drives() {
   for (const Drive &drive : drives) {
     if (!is_free(drive)) efforts[drive.coordinate] += bound_of(drive) / drive_step;
   }
-  for (int k = 0; k < coordinates; ++k) efforts[k] += drive_pull[k];
-}
-
-// Adds the drives of a coordinate to a degree of freedom whose articulated inertia is known.
-void ArticulationDynamics::drive(Freedom &freedom, int coordinate) const {
-  const int given = given_by[coordinate];
-  if (given >= 0) {
-    freedom.d_inverse = 0;
-    freedom.given = (drives[given].target - start_rate.q[coordinate]) / drive_step;
-  } else if (drive_inertia[coordinate] > 0) {
-    freedom.d_inverse = 1 / (freedom.d + drive_inertia[coordinate]);
-  }
+  for (int k = 0; k < coordinates; ++k) efforts[k] += driven[k].pull;
 }
 
 // Finds the impulses that the drives would have if the last evaluation held over the whole step.
 void ArticulationDynamics::measure_drives(const Rate &acceleration) {
-  for (int k = 0; k < coordinates; ++k) rest_impulse[k] = drive_force[k] * drive_step;
+  for (int k = 0; k < coordinates; ++k) rest_impulse[k] = driven[k].force * drive_step;
   for (Drive &drive : drives) {
     if (is_free(drive) && is_rigid(drive)) continue;
     const int k = drive.coordinate;
@@ -153,7 +147,7 @@ bool ArticulationDynamics::pivot_drives(const Rate &acceleration, bool one_only)
     if (drive.is_limit) {
       if (!is_free(drive)) {
         if (drive.side * (speed - drive.target) < -rounding) drive.state = Drive::State::Free;
-      } else if (given_by[k] == static_cast<int>(i) ? drive.side * drive.impulse < -ROUNDING * btFabs(drive_force[k] * drive_step)
+      } else if (given_by[k] == static_cast<int>(i) ? drive.side * drive.impulse < -ROUNDING * btFabs(driven[k].force * drive_step)
                                                     : drive.side * (speed - drive.target) > rounding) {
         drive.state = drive.side > 0 ? Drive::State::Low : Drive::State::High;
       }
@@ -195,17 +189,17 @@ void ArticulationDynamics::begin_again(const Position &from, Rate &acceleration)
 
 // Whether drives determine the acceleration of a joint.
 bool ArticulationDynamics::is_driven(const Link &link) const {
-  return drive_step > 0 && link.freedoms() == 1 && (given_by[link.coordinate] >= 0 || drive_inertia[link.coordinate] > 0);
+  return drive_step > 0 && link.freedoms() == 1 && (given_by[link.coordinate] >= 0 || driven[link.coordinate].inertia > 0);
 }
 
 // Accelerations within the step, where motors may reach their bounds.
-void ArticulationDynamics::accelerate_driven(const Position &position, const Rate &rate, Rate &acceleration) {
-  accelerate(position, rate, acceleration);
+void ArticulationDynamics::accelerate_driven(const Position &position, const Rate &rate, Rate &acceleration, bool is_placed) {
+  accelerate(position, rate, acceleration, is_placed);
   if (drive_step == 0) return;
   measure_drives(acceleration);
   while (saturate_drives()) {
     load_drives();
-    accelerate(position, rate, acceleration);
+    accelerate(position, rate, acceleration, is_placed);
     measure_drives(acceleration);
   }
 }

@@ -3,6 +3,7 @@
 #include "solve_three.h"
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -33,30 +34,6 @@ btMatrix3x3 scaled_rotation(const btMatrix3x3 &rotation, const btVector3 &diagon
 
 btVector3 transpose_times(const btMatrix3x3 &m, const btVector3 &v) { return m[0] * v[0] + m[1] * v[1] + m[2] * v[2]; }
 
-// Solves [a b; b^T m] (x; y) = (p; q) for the articulated inertia of a base, by its Cholesky factor. Its pivots are at least
-// those of the inertia of the base itself: what the links add may cancel but for a rounding error that is larger.
-void solve_six(const ArticulatedInertia &inertia, const btVector3 &p, const btVector3 &q, const ArticulationDynamics::Body &base,
-               btVector3 &x, btVector3 &y) {
-  const btScalar least[2] = {base.inertia[base.inertia.minAxis()], base.mass};
-  btScalar l[6][6], v[6];
-  for (int i = 0; i < 6; ++i) {
-    for (int j = 0; j <= i; ++j) {
-      btScalar sum = inertia.element(i, j);
-      for (int k = 0; k < j; ++k) sum -= l[i][k] * l[j][k];
-      l[i][j] = i == j ? std::sqrt(std::max(sum, least[i / 3])) : sum / l[j][j];
-    }
-    btScalar sum = i < 3 ? p[i] : q[i - 3];
-    for (int k = 0; k < i; ++k) sum -= l[i][k] * v[k];
-    v[i] = sum / l[i][i];
-  }
-  for (int i = 5; i >= 0; --i) {
-    for (int k = i + 1; k < 6; ++k) v[i] -= l[k][i] * v[k];
-    v[i] /= l[i][i];
-  }
-  x.setValue(v[0], v[1], v[2]);
-  y.setValue(v[3], v[4], v[5]);
-}
-
 btQuaternion spin_of(const btVector3 &omega, const btQuaternion &rotation) {
   return btQuaternion(omega.x(), omega.y(), omega.z(), 0) * rotation * btScalar(0.5);
 }
@@ -68,6 +45,13 @@ void turn_by(btQuaternion &rotation, const btVector3 &omega, btScalar h) {
   rotation = btQuaternion(omega / speed, speed * h) * rotation;
   rotation.normalize();
 }
+
+AmbAbaMotion motion_of(const ArticulationDynamics::Position &position, const ArticulationDynamics::Rate &rate) {
+  return {position.rotation, position.origin.m_floats, position.q.data(), reinterpret_cast<const double *>(position.balls.data()),
+          rate.angular.m_floats, rate.linear.m_floats, rate.q.data()};
+}
+
+AmbAbaRates rates_to(ArticulationDynamics::Rate &rate) { return {rate.angular.m_floats, rate.linear.m_floats, rate.q.data()}; }
 
 btVector3 three_of(const Vector<btScalar> &values, int first) {
   return btVector3(values[first], values[first + 1], values[first + 2]);
@@ -81,6 +65,8 @@ void advance(ArticulationDynamics::Rate &to, const ArticulationDynamics::Rate &f
 }
 
 }  // namespace
+
+const AmbAbaTable *aba_table = nullptr;
 
 void ArticulationDynamics::add(const Body &body, int parent, JointType type, const btVector3 &axis,
                                const btTransform &joint_in_parent, const btTransform &joint_in_child) {
@@ -110,13 +96,12 @@ void ArticulationDynamics::finish() {
   angular.resize(n, btVector3(0, 0, 0));
   arms.resize(n, btVector3(0, 0, 0));
   axes.resize(n, btVector3(0, 0, 0));
-  work.resize(n);
+  assert(aba_table->link_size == sizeof(Link) && aba_table->body_size == sizeof(Body));
+  work.resize(n * aba_table->work_size / sizeof(btVector3), btVector3(0, 0, 0));
   efforts.resize(coordinates);
   generalised_forces.resize(coordinates);
   unbounded_forces.resize(coordinates);
-  drive_inertia.resize(coordinates);
-  drive_pull.resize(coordinates);
-  drive_force.resize(coordinates);
+  driven.resize(coordinates);
   given_by.resize(coordinates, -1);
   rest_impulse.resize(coordinates);
   parent_component.resize(velocity_size());
@@ -142,172 +127,24 @@ void ArticulationDynamics::finish() {
   }
 }
 
+AmbAbaTree ArticulationDynamics::tree() const {
+  auto &self = const_cast<ArticulationDynamics &>(*this);
+  const auto numbers = [](Vector<btVector3> &vectors) { return vectors[0].m_floats; };
+  return {static_cast<int>(links.size()), coordinates, balls, fixed_base, splits_damping, links.data(), bodies.data(),
+          self.rotations[0][0].m_floats, numbers(self.origins), numbers(self.linear), numbers(self.angular), numbers(self.arms),
+          numbers(self.axes), self.work.data()};
+}
+
 void ArticulationDynamics::update_poses(const Position &position) {
-  rotations[0] = btMatrix3x3(position.rotation);
-  origins[0] = position.origin;
-  for (size_t i = 0; i < links.size(); ++i) {
-    const Link &link = links[i];
-    const btMatrix3x3 &parent = rotations[link.parent];
-    btVector3 pivot = origins[link.parent] + parent * link.pivot;
-    if (link.type == JointType::Revolute) {
-      const btScalar sine = std::sin(position.q[link.coordinate]);
-      const btScalar versine = 1 - std::cos(position.q[link.coordinate]);
-      btMatrix3x3 local;
-      for (int row = 0; row < 3; ++row) {
-        local[row] = link.rotation[row] + link.turn[row] * sine + link.turn2[row] * versine;
-      }
-      rotations[i + 1] = parent * local;
-    } else if (link.ball >= 0) {
-      rotations[i + 1] = parent * btMatrix3x3(position.balls[link.ball]);
-      if (link.type == JointType::Free) pivot += parent * three_of(position.q, link.coordinate);
-    } else {
-      rotations[i + 1] = parent * link.rotation;
-      if (link.type == JointType::Prismatic) pivot += parent * link.axis * position.q[link.coordinate];
-    }
-    if (link.freedoms() == 1) axes[i + 1] = parent * link.axis;
-    arms[i + 1] = rotations[i + 1] * link.arm;
-    origins[i + 1] = pivot + arms[i + 1];
-  }
+  const AmbAbaTree all = tree();
+  const AmbAbaMotion motion = motion_of(position, part_rate);
+  aba_table->update_poses(&all, &motion);
 }
 
 void ArticulationDynamics::update_velocities(const Rate &rate) {
-  angular[0] = rate.angular;
-  linear[0] = rate.linear;
-  for (size_t i = 0; i < links.size(); ++i) {
-    const Link &link = links[i];
-    Work &w = work[i + 1];
-    const btVector3 &omega = angular[link.parent];
-    w.r = origins[i + 1] - origins[link.parent];
-    angular[i + 1] = omega;
-    linear[i + 1] = linear[link.parent] + omega.cross(w.r);
-    w.c_angular.setZero();
-    if (link.type == JointType::Fixed) {
-      w.c_linear = omega.cross(omega.cross(w.r));
-      continue;
-    }
-    const btMatrix3x3 &parent = rotations[link.parent];
-    if (link.type == JointType::Prismatic) {
-      const btVector3 &axis = axes[i + 1];
-      const btScalar speed = rate.q[link.coordinate];
-      w.freedoms[0].s_angular.setZero();
-      w.freedoms[0].s_linear = axis;
-      w.c_linear = omega.cross(omega.cross(w.r)) + omega.cross(axis) * (2 * speed);
-      linear[i + 1] += axis * speed;
-      continue;
-    }
-    const btVector3 &arm = arms[i + 1];
-    btVector3 sliding(0, 0, 0);
-    for (int k = 0; k < link.sliding; ++k) {
-      Freedom &freedom = w.freedoms[k];
-      freedom.s_angular.setZero();
-      freedom.s_linear = parent.getColumn(k);
-      sliding += freedom.s_linear * rate.q[link.coordinate + k];
-    }
-    for (int k = link.sliding; k < link.freedoms(); ++k) {
-      Freedom &freedom = w.freedoms[k];
-      const btScalar speed = rate.q[link.coordinate + k];
-      freedom.s_angular = link.turning == 3 ? parent.getColumn(k - link.sliding) : axes[i + 1];
-      freedom.s_linear = freedom.s_angular.cross(arm);
-      angular[i + 1] += freedom.s_angular * speed;
-      linear[i + 1] += freedom.s_linear * speed;
-      w.c_angular += omega.cross(freedom.s_angular) * speed;
-    }
-    w.c_linear = w.c_angular.cross(arm) + omega.cross(omega.cross(w.r - arm)) +
-                 angular[i + 1].cross(angular[i + 1].cross(arm));
-    if (link.sliding == 0) continue;
-    linear[i + 1] += sliding;
-    w.c_linear += omega.cross(sliding) * 2;
-  }
-}
-
-void ArticulationDynamics::add_inertias() {
-  for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
-    Work &w = work[i];
-    w.inertia = Symmetric3::of(rotations[i], bodies[i].inertia);
-    w.least_inertia = bodies[i].inertia[bodies[i].inertia.minAxis()];
-    w.articulated.set(w.inertia, bodies[i].mass);
-  }
-}
-
-// Computes U = I_A S and 1 / D, D = S^T U, for a link with articulated inertia I_A and a degree of freedom with motion
-// subspace S. I_A is at least the inertia of the link itself; what the links beyond it add may cancel but for a rounding
-// error that is larger.
-void ArticulationDynamics::compute_joint_inertia(const Work &w, Freedom &freedom) {
-  w.articulated.multiply(freedom.s_angular, freedom.s_linear, freedom.u_angular, freedom.u_linear);
-  freedom.d = std::max(freedom.s_angular.dot(freedom.u_angular) + freedom.s_linear.dot(freedom.u_linear),
-                       freedom.s_angular.length2() * w.least_inertia);
-  freedom.d_inverse = freedom.d > 0 ? 1 / freedom.d : 0;
-}
-
-// Adds the articulated inertia of a link, shifted to the parent's centre of mass, to that of the parent.
-void ArticulationDynamics::add_to_parent(size_t link) {
-  // A link with six degrees of freedom adds nothing but rounding errors.
-  if (links[link].freedoms() == 6) return;
-  const Work &w = work[link + 1];
-  work[links[link].parent].articulated.add(w.articulated, w.r);
-}
-
-// Second and third pass of the articulated-body algorithm: from the leaves to the base and back. The bias forces of all
-// bodies must have been set.
-void ArticulationDynamics::sweep(Rate &out, bool with_bias) {
-  const bool is_driven = with_bias && drive_step > 0;
-  for (size_t i = links.size(); i-- > 0;) {
-    const Link &link = links[i];
-    Work &w = work[i + 1];
-    const bool is_last = link.parent == 0 && fixed_base;
-    btVector3 torque = w.torque, force = w.force;
-    for (int k = link.freedoms(); k-- > 0;) {
-      Freedom &freedom = w.freedoms[k];
-      compute_joint_inertia(w, freedom);
-      freedom.u = efforts[link.coordinate + k] - freedom.s_angular.dot(torque) - freedom.s_linear.dot(force);
-      freedom.given = 0;
-      if (is_driven) drive(freedom, link.coordinate + k);
-      if (is_last && k == 0) break;
-      w.articulated.remove(freedom.u_angular, freedom.u_linear, freedom.d_inverse);
-      const btScalar acceleration = freedom.u * freedom.d_inverse + freedom.given;
-      torque += freedom.u_angular * acceleration;
-      force += freedom.u_linear * acceleration;
-    }
-    if (is_last) continue;
-    if (with_bias) {
-      btVector3 of_torque, of_force;
-      w.articulated.multiply(w.c_angular, w.c_linear, of_torque, of_force);
-      torque += of_torque;
-      force += of_force;
-    }
-    add_to_parent(i);
-    Work &parent = work[link.parent];
-    parent.torque += torque + w.r.cross(force);
-    parent.force += force;
-  }
-  Work &base = work[0];
-  base.alpha.setZero();
-  base.accel.setZero();
-  if (!fixed_base) solve_six(base.articulated, -base.torque, -base.force, bodies[0], base.alpha, base.accel);
-  out.angular = base.alpha;
-  out.linear = base.accel;
-  for (size_t i = 0; i < links.size(); ++i) {
-    const Link &link = links[i];
-    Work &w = work[i + 1];
-    w.alpha = work[link.parent].alpha;
-    w.accel = work[link.parent].accel + w.alpha.cross(w.r);
-    if (with_bias) {
-      w.alpha += w.c_angular;
-      w.accel += w.c_linear;
-    }
-    for (int k = 0; k < link.freedoms(); ++k) {
-      const Freedom &freedom = w.freedoms[k];
-      const btScalar left = freedom.u - freedom.u_angular.dot(w.alpha) - freedom.u_linear.dot(w.accel);
-      const btScalar acceleration = left * freedom.d_inverse + freedom.given;
-      if (is_driven) {
-        const int coordinate = link.coordinate + k;
-        drive_force[coordinate] = freedom.d * acceleration - (left - drive_pull[coordinate]);
-      }
-      w.alpha += freedom.s_angular * acceleration;
-      w.accel += freedom.s_linear * acceleration;
-      out.q[link.coordinate + k] = acceleration;
-    }
-  }
+  const AmbAbaTree all = tree();
+  const AmbAbaMotion motion = motion_of(part, rate);
+  aba_table->update_velocities(&all, &motion);
 }
 
 btScalar ArticulationDynamics::Spring::displacement(btScalar q) const {
@@ -316,25 +153,23 @@ btScalar ArticulationDynamics::Spring::displacement(btScalar q) const {
   return is_angle ? wrapped(x) : x;
 }
 
-void ArticulationDynamics::accelerate(const Position &position, const Rate &rate, Rate &acceleration) {
+void ArticulationDynamics::accelerate(const Position &position, const Rate &rate, Rate &acceleration, bool is_placed) {
   efforts = generalised_forces;
   if (drive_step > 0) add_drives();
+  if (!couplings.empty() && !is_placed) {
+    update_poses(position);
+    update_velocities(rate);
+    is_placed = true;
+  }
   for (const Spring &spring : springs) {
     if (spring.is_stiff) continue;
     const int i = spring.coordinate;
     efforts[i] -= spring.sign * spring.stiffness * spring.displacement(position.q[i]) + spring.damping * rate.q[i];
   }
-  add_inertias();
-  for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
-    const Body &body = bodies[i];
-    const btVector3 momentum = work[i].inertia * angular[i];
-    work[i].torque = angular[i].cross(momentum) - body.torque;
-    work[i].force = -body.force;
-    if (splits_damping) continue;
-    work[i].torque += momentum * body.angular_drag;
-    work[i].force += linear[i] * (body.mass * body.linear_drag);
-  }
-  sweep(acceleration, true);
+  const AmbAbaTree all = tree();
+  const AmbAbaMotion motion = motion_of(position, rate);
+  const AmbAbaRates found = rates_to(acceleration);
+  aba_table->accelerate(&all, &motion, efforts.data(), drive_step > 0 ? driven.data() : nullptr, is_placed, &found);
   if (!couplings.empty()) couple(acceleration);
 }
 
@@ -349,12 +184,9 @@ void ArticulationDynamics::project(const btVector3 *linear_wanted, const btVecto
   }
   update_velocities(stage_rate);
   std::fill(efforts.begin(), efforts.end(), 0);
-  add_inertias();
-  for (size_t i = fixed_base ? 1 : 0; i < bodies.size(); ++i) {
-    work[i].torque = -(work[i].inertia * (angular_wanted[i] - carried_angular()));
-    work[i].force = (linear_wanted[i] - carried_linear(i)) * -bodies[i].mass;
-  }
-  sweep(rate, false);
+  const AmbAbaTree all = tree();
+  const AmbAbaRates found = rates_to(rate);
+  aba_table->project(&all, linear_wanted->m_floats, angular_wanted->m_floats, efforts.data(), &found);
   if (!couplings.empty()) couple(rate);
   if (!fixed_base) return;
   rate.angular = stage_rate.angular;
@@ -911,12 +743,10 @@ void ArticulationDynamics::runge_kutta(btScalar h, const Position &from, const R
     stage.origin = from.origin + speed.linear * way[i];
     for (int k = 0; k < coordinates; ++k) stage.q[k] = from.q[k] + way[i] * speed.q[k];
     for (int k = 0; k < balls; ++k) stage.balls[k] = from.balls[k] + ball_spins[i - 1][k] * way[i];
-    update_poses(stage);
     advance(speeds[i], rate, way[i], slopes[i - 1]);
     spins[i] = spin_of(speeds[i].angular, stage.rotation);
     set_ball_spins(i, stage);
-    update_velocities(speeds[i]);
-    accelerate_driven(stage, speeds[i], slopes[i]);
+    accelerate_driven(stage, speeds[i], slopes[i], false);
     add_drive_sums(i < 3 ? h / 3 : h / 6, speeds[i]);
   }
   auto way_of = [h](const auto &a, const auto &b, const auto &c, const auto &d) {
@@ -938,87 +768,22 @@ void ArticulationDynamics::runge_kutta(btScalar h, const Position &from, const R
   }
 }
 
-// Row k of L is U / sqrt(D) of link k, projected onto each joint on the path to the base. This is more accurate than
-// factoring the generalised inertia, where large numbers cancel if heavy links hang on light ones.
 void ArticulationDynamics::factor_inertia() {
-  const size_t n = velocity_size();
-  add_inertias();
-  for (size_t i = links.size(); i-- > 0;) {
-    const Link &link = links[i];
-    Work &w = work[i + 1];
-    const bool is_last = link.parent == 0 && fixed_base;
-    for (int f = link.freedoms(); f-- > 0;) {
-      Freedom &freedom = w.freedoms[f];
-      compute_joint_inertia(w, freedom);
-      const size_t k = 6 + link.coordinate + f;
-      const btScalar inverse = btSqrt(freedom.d_inverse);
-      inverse_diagonal[k] = inverse;
-      btScalar *const row = &factor[k * n];
-      row[k] = inverse > 0 ? 1 / inverse : 0;
-      btVector3 torque = freedom.u_angular * inverse, force = freedom.u_linear * inverse;
-      int before = f;
-      for (size_t body = i + 1; body > 0;) {
-        const Link &joint = links[body - 1];
-        for (int j = 0; j < before; ++j) {
-          const Freedom &other = work[body].freedoms[j];
-          row[6 + joint.coordinate + j] = other.s_angular.dot(torque) + other.s_linear.dot(force);
-        }
-        torque += work[body].r.cross(force);
-        body = joint.parent;
-        before = body > 0 ? links[body - 1].freedoms() : 0;
-      }
-      for (int c = 0; c < 3; ++c) {
-        row[c] = torque[c];
-        row[c + 3] = force[c];
-      }
-      if (!is_last || f > 0) w.articulated.remove(freedom.u_angular, freedom.u_linear, freedom.d_inverse);
-    }
-    if (!is_last) add_to_parent(i);
-  }
-  if (!fixed_base) factor_base();
+  const AmbAbaTree all = tree();
+  aba_table->factor(&all, factor.data(), inverse_diagonal.data());
   if (!couplings.empty()) find_coupled_space();
-}
-
-void ArticulationDynamics::factor_base() {
-  const size_t n = velocity_size();
-  const Work &base = work[0];
-  for (size_t k = 0; k < 6; ++k) {
-    for (size_t j = 0; j <= k; ++j) factor[k * n + j] = base.articulated.element(static_cast<int>(k), static_cast<int>(j));
-  }
-  for (size_t k = 6; k-- > 0;) {
-    btScalar *const row = &factor[k * n];
-    row[k] = std::max(row[k], k < 3 ? base.least_inertia : bodies[0].mass);
-    inverse_diagonal[k] = row[k] > 0 ? 1 / btSqrt(row[k]) : 0;
-    for (size_t i = 0; i <= k; ++i) row[i] *= inverse_diagonal[k];
-    for (size_t i = 0; i < k; ++i) {
-      for (size_t j = 0; j <= i; ++j) factor[i * n + j] -= row[i] * row[j];
-    }
-  }
 }
 
 void ArticulationDynamics::add_jacobian(size_t body, const btVector3 &force, const btVector3 &torque,
                                         btScalar *row) const {
-  btVector3 twist = torque;
-  while (body > 0) {
-    const Work &w = work[body];
-    add_joint_jacobian(body, force, twist, row);
-    twist += w.r.cross(force);
-    body = links[body - 1].parent;
-  }
-  if (fixed_base) return;
-  for (int k = 0; k < 3; ++k) {
-    row[k] += twist[k];
-    row[k + 3] += force[k];
-  }
+  const AmbAbaTree all = tree();
+  aba_table->add_jacobian(&all, static_cast<int>(body), force.m_floats, torque.m_floats, false, row);
 }
 
 void ArticulationDynamics::add_joint_jacobian(size_t body, const btVector3 &force, const btVector3 &torque,
                                               btScalar *row) const {
-  const Link &link = links[body - 1];
-  for (int k = 0; k < link.freedoms(); ++k) {
-    const Freedom &freedom = work[body].freedoms[k];
-    row[6 + link.coordinate + k] += freedom.s_angular.dot(torque) + freedom.s_linear.dot(force);
-  }
+  const AmbAbaTree all = tree();
+  aba_table->add_jacobian(&all, static_cast<int>(body), force.m_floats, torque.m_floats, true, row);
 }
 
 // Finds the rows of the couplings for z, made orthonormal by Gram and Schmidt's method. The rows of those whose joints nothing

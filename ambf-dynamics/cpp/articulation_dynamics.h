@@ -3,16 +3,17 @@
 #define AMB_ARTICULATION_DYNAMICS_H
 
 #include "arena_memory.h"
-#include "articulated_inertia.h"
+#include "../include/ambf_aba.h"
 
 #include <LinearMath/btTransform.h>
 
 #include <cmath>
 
+// The articulated-body algorithm and what depends on it. The Rust library sets it before the first world is made.
+extern const AmbAbaTable *aba_table;
+
 // A kinematic tree of hinges, sliders, ball joints, joints that leave all six motions and fixed joints, on a fixed or
-// free base. Featherstone's articulated-body algorithm (Rigid Body Dynamics Algorithms, 2008, chapter 7) with all
-// quantities in world axes about the centre of mass of their body, so that matrices need no rotation between links.
-// Accelerations are classical, not spatial.
+// free base. Accelerations are those of the articulated-body algorithm in src/aba; here they are integrated.
 //
 // Body 0 is the base, body i + 1 is link i. Poses are those of inertial frames; SI units.
 class ArticulationDynamics {
@@ -150,8 +151,8 @@ class ArticulationDynamics {
   // Computes the velocities of all bodies from the rates; the poses must be up to date.
   void update_velocities(const Rate &rate);
   // Computes accelerations under external forces and springs. Poses and velocities must be those of `position` and
-  // `rate`.
-  void accelerate(const Position &position, const Rate &rate, Rate &acceleration);
+  // `rate`, unless `is_placed` is false: they are undefined afterwards then.
+  void accelerate(const Position &position, const Rate &rate, Rate &acceleration, bool is_placed = true);
   // Acceleration of a coordinate by a unit force on it: the diagonal of the inverse inertia. The base and all other
   // coordinates are free to move: a light parent of a heavy link moves instead of the link. `factor_inertia` must be up to
   // date.
@@ -279,28 +280,6 @@ class ArticulationDynamics {
   btScalar work_at_rate(btScalar h, const Position &at, const Rate &rate) const;
 
  private:
-  // One degree of freedom of a joint.
-  struct Freedom {
-    btVector3 s_angular, s_linear;  // motion subspace
-    btVector3 u_angular, u_linear;
-    btScalar d_inverse, u;
-    // Articulated inertia D, and acceleration that a rigid drive prescribes.
-    btScalar d, given;
-  };
-
-  // The degrees of freedom of a joint are treated like sliders and hinges between bodies without mass at the same place,
-  // the first of which is the nearest to the base.
-  struct Work {
-    Symmetric3 inertia;             // of the body alone
-    btScalar least_inertia;         // least principal inertia of the body
-    ArticulatedInertia articulated;
-    btVector3 torque, force;        // bias
-    btVector3 r;                    // from the parent's centre of mass to the body's
-    btVector3 c_angular, c_linear;  // velocity-product acceleration
-    btVector3 alpha, accel;
-    Freedom freedoms[6];
-  };
-
   btVector3 total_force() const;
   // The velocity that a body would have with a fixed base that moves if all joints were rigid; else 0.
   btVector3 carried_linear(size_t body) const {
@@ -312,14 +291,13 @@ class ArticulationDynamics {
   Momentum wrench(const btVector3 &about) const;
   // Corrects the momentum after a step of h s, from that and the wrench about the mass centre before it.
   void restore_momentum(btScalar h, const Momentum &before, const Momentum &wrench_before, Rate &rate);
-  void drive(Freedom &freedom, int coordinate) const;
   void load_drives();
   void add_drives();
   void measure_drives(const Rate &acceleration);
   bool saturate_drives();
   bool pivot_drives(const Rate &acceleration, bool one_only);
   void settle_drives(const Position &from, Rate &acceleration);
-  void accelerate_driven(const Position &position, const Rate &rate, Rate &acceleration);
+  void accelerate_driven(const Position &position, const Rate &rate, Rate &acceleration, bool is_placed = true);
   void begin_drive_sums();
   void add_drive_sums(btScalar time, const Rate &rate);
   bool catch_limits(const Position &from, const Position &to, const Rate &rate);
@@ -344,17 +322,14 @@ class ArticulationDynamics {
   btScalar elastic_energy(const Position &at) const;
   btScalar rounding_of_work(const Position &at) const;
   void update_fastest_mode(const Position &at, const Rate &rate);
-  void add_inertias();
-  void factor_base();
+  AmbAbaTree tree() const;
   void find_coupled_space();
   void normalise_uncoupled(btScalar *row) const;
   void remove_uncoupled(btScalar *z) const;
   void couple(Rate &rate);
-  static void compute_joint_inertia(const Work &w, Freedom &freedom);
-  void add_to_parent(size_t link);
-  void sweep(Rate &out, bool with_bias);
 
-  Vector<Work> work;
+  // Intermediate results of the articulated-body algorithm.
+  Vector<btVector3> work;
   Vector<btScalar> efforts;
   // For each component of v, the previous one on the path to the base; -1: none.
   Vector<int> parent_component;
@@ -373,9 +348,8 @@ class ArticulationDynamics {
   bool splits_damping = false;
   // Length of the present step, s, while drives act in it; else 0.
   btScalar drive_step = 0;
-  // What drives add to the articulated inertia of each coordinate and to the force on it, and their total force in the
-  // last evaluation. `given_by`: the drive that prescribes its acceleration; -1: none.
-  Vector<btScalar> drive_inertia, drive_pull, drive_force;
+  // What drives do to each coordinate. `given_by`: the drive that prescribes its acceleration; -1: none.
+  Vector<AmbAbaDrive> driven;
   Vector<int> given_by;
   Vector<btScalar> rest_impulse;
   Vector<btVector3> wanted_linear, wanted_angular, start_origins;

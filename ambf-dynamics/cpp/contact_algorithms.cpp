@@ -248,7 +248,14 @@ class ConvexOnPlane final : public btConvexPlaneCollisionAlgorithm {
   ConvexOnPlane(const btCollisionAlgorithmConstructionInfo &info, const btCollisionObjectWrapper *first,
                 const btCollisionObjectWrapper *second, bool is_swapped)
       : btConvexPlaneCollisionAlgorithm(nullptr, info, first, second, is_swapped, PERTURBATIONS, ENOUGH_POINTS),
-        is_swapped_(is_swapped) {}
+        is_swapped_(is_swapped) {
+    const btCollisionObjectWrapper &object = is_swapped ? *second : *first;
+    btVector3 low, high;
+    object.getCollisionShape()->getAabb(btTransform::getIdentity(), low, high);
+    centre_ = (low + high) / 2;
+    reach_ = (high - low) / 2;
+    threshold_ = breaking_threshold(*object.getCollisionObject());
+  }
 
   void processCollision(const btCollisionObjectWrapper *first, const btCollisionObjectWrapper *second,
                         const btDispatcherInfo &info, btManifoldResult *result) override {
@@ -258,9 +265,8 @@ class ConvexOnPlane final : public btConvexPlaneCollisionAlgorithm {
     const btVector3 normal = frame.getBasis() * plane.getPlaneNormal();
     // Bullet evaluates the support function of all vertices of a shape, however far it is from the plane: planes have no
     // bounding box that would keep the pair out of the broad phase.
-    const btCollisionShape &whole = *object.getCollisionObject()->getCollisionShape();
-    const btScalar threshold = whole.getContactBreakingThreshold(gContactBreakingThreshold);
-    if (!has_contacts_ && distance_of_box(object, normal, frame, plane) > threshold) return;
+    const btScalar height = normal.dot(pose * centre_ - frame.getOrigin()) - plane.getPlaneConstant();
+    if (!has_contacts_ && height - (normal * pose.getBasis()).absolute().dot(reach_) > threshold_) return;
     btConvexPlaneCollisionAlgorithm::processCollision(first, second, info, result);
     has_contacts_ = result->getPersistentManifold() && result->getPersistentManifold()->getNumContacts() > 0;
     if (!is_deep(*result)) return;
@@ -273,19 +279,11 @@ class ConvexOnPlane final : public btConvexPlaneCollisionAlgorithm {
   }
 
  private:
-  // Distance between the bounding box of the object, in its own frame, and the plane, m; at most that of the object itself.
-  static btScalar distance_of_box(const btCollisionObjectWrapper &object, const btVector3 &normal, const btTransform &frame,
-                                  const btStaticPlaneShape &plane) {
-    btVector3 low, high;
-    object.getCollisionShape()->getAabb(btTransform::getIdentity(), low, high);
-    const btTransform &pose = object.getWorldTransform();
-    const btVector3 along = normal * pose.getBasis();
-    const btScalar reach = along.absolute().dot((high - low) / 2);
-    return normal.dot(pose * ((low + high) / 2) - frame.getOrigin()) - plane.getPlaneConstant() - reach;
-  }
-
   const bool is_swapped_;
   bool has_contacts_ = false;
+  // Centre and half extents of the bounding box of the object in its own frame, m, and the distance up to which contacts are kept, m.
+  btVector3 centre_, reach_;
+  btScalar threshold_;
 };
 
 // In the dispatcher's pool.

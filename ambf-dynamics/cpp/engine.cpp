@@ -209,5 +209,6 @@ void amb_world_set_energy_ledger(AmbWorld *world, int enabled) {
 void amb_world_energy(const AmbWorld *world, AmbEnergy *out) { *out = engine_of(*world).ledger.read(); }
 
 void amb_set_mlcp(const void *table) { mlcp_table = static_cast<const AmbMlcpTable *>(table); }
+void amb_set_aba(const void *table) { aba_table = static_cast<const AmbAbaTable *>(table); }
 
 }  // extern "C"

@@ -14,6 +14,7 @@
 //! Begin with `README.md`, then [`mlcp`] (the solver, without Bullet) or `cpp/engine.cpp` (where Bullet's step is
 //! entered).
 
+pub mod aba;
 pub mod assembly;
 pub mod ffi;
 pub mod mlcp;

@@ -163,8 +163,11 @@ impl World {
             WorldKind::Articulated => sys::AmbWorldKind::AmbWorldKind_Articulated,
         };
         let place = arena.as_ref().map_or(std::ptr::null_mut(), Arena::as_ptr);
-        // SAFETY: the table is static and has the layout that the header beside it describes.
-        unsafe { sys::amb_set_mlcp(std::ptr::from_ref(ambf_dynamics::mlcp::ffi::table()).cast()) };
+        // SAFETY: the tables are static and have the layouts that the headers beside them describe.
+        unsafe {
+            sys::amb_set_mlcp(std::ptr::from_ref(ambf_dynamics::mlcp::ffi::table()).cast());
+            sys::amb_set_aba(std::ptr::from_ref(ambf_dynamics::aba::ffi::table()).cast());
+        }
         // SAFETY: numbers that the enums of the shim have; the arena is this world's alone and goes after it; the
         // engine is static.
         let raw = unsafe {

@@ -493,6 +493,7 @@ impl Batch {
             articulated,
             sleep,
             saving: false,
+            wrenches: false,
             step,
             plugins: Vec::new(),
             crtk: Vec::new(),

@@ -28,6 +28,8 @@ pub struct Wanted {
     pub sleep: Option<bool>,
     /// States can be saved.
     pub saving: bool,
+    /// The wrenches of all joints are measured.
+    pub wrenches: bool,
     /// Interval of an iteration, s.
     pub step: f64,
     pub plugins: Vec<PathBuf>,
@@ -72,7 +74,7 @@ pub fn load_world(wanted: &Wanted) -> Result<Made, Vec<String>> {
         default_profile: Some(Profile::Accurate),
         savable: wanted.saving,
         is_one_of_many: true,
-        joint_wrenches: true,
+        joint_wrenches: wanted.wrenches,
         ..SceneOptions::default()
     };
     let Loaded { scene, report } = load(&files, &options);

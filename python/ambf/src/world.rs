@@ -463,6 +463,7 @@ impl World {
             articulated,
             sleep,
             saving,
+            wrenches: true,
             step,
             plugins,
             crtk,
