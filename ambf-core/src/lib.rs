@@ -52,6 +52,7 @@ pub mod scene;
 pub mod sim;
 
 pub use ambf_device as device;
+pub use ambf_dynamics::aba::together;
 pub use ambf_dynamics::tree;
 pub use ambf_model::{adf, files, mesh, mjcf, robot, text, urdf};
 pub use ambf_plugin as plugin;

@@ -24,10 +24,14 @@ use crossbeam_channel::{bounded, Receiver, Sender, TryRecvError};
 use parking_lot::Mutex;
 
 use super::LostState;
+use ambf_dynamics::aba::together;
 use choice::{Choice, Way};
 
 /// Something that makes iterations, such as a [`Stepper`](super::Stepper).
 pub trait Steps: Send + 'static {
+    /// As many as so many are stepped side by side by a thread: see [`together`].
+    const SIDE_BY_SIDE: usize = 1;
+
     /// Makes at least one and up to `at_most` (above 0) iterations; how many were made. It should return after about
     /// 0.1 s, because a caller that wants to stop is heeded between two calls.
     ///
@@ -119,22 +123,24 @@ impl<S: Steps> StepPool<S> {
         let can_help = self.helpers > 0 && count > 1 && iterations > 0;
         let (way, cost) = if can_help { self.recall(kind, begin) } else { (Way::Alone, 0.0) };
         let work = match way {
-            Way::Alone => Work::Alone { places, next: 0, cancelled: false },
-            Way::Helped => self.invite(places, cost),
+            Way::Alone => Work::Alone { groups: groups_of(places, 1), next: 0, cancelled: false },
+            Way::Helped => self.invite(groups_of(places, self.helpers + 1), cost),
         };
         Batch { pool: self, work, begin, kind, way: can_help.then_some(way), iterations }
     }
 
-    fn invite(&self, places: Vec<Place<S>>, cost: f64) -> Work<S> {
-        let chunk = chunk_of(places.len(), self.helpers + 1, cost);
-        let chunks = places.len().div_ceil(chunk);
+    /// `cost`: of a world, s.
+    fn invite(&self, groups: Vec<Group<S>>, cost: f64) -> Work<S> {
+        let size = groups.first().map_or(0, |group| group.0.len());
+        let chunk = chunk_of(groups.len(), self.helpers + 1, cost * size as f64);
+        let chunks = groups.len().div_ceil(chunk);
         let shared = Arc::new(Shared {
             next: AtomicUsize::new(0),
-            unfinished: AtomicUsize::new(places.len()),
+            unfinished: AtomicUsize::new(groups.len()),
             cancelled: AtomicBool::new(false),
             caller: std::thread::current(),
             chunk,
-            places: places.into_iter().map(Mutex::new).collect(),
+            groups: groups.into_iter().map(Mutex::new).collect(),
         });
         for _ in 1..chunks.min(self.helpers + 1) {
             let _ = self.invitations.try_send(Arc::clone(&shared));
@@ -182,7 +188,7 @@ pub struct Batch<'p, S: Steps> {
 
 enum Work<S> {
     /// For the caller, in turn.
-    Alone { places: Vec<Place<S>>, next: usize, cancelled: bool },
+    Alone { groups: Vec<Group<S>>, next: usize, cancelled: bool },
     /// For all. `claimed`: what the caller has taken from the list and not done yet.
     Helped { shared: Arc<Shared<S>>, claimed: Range<usize> },
 }
@@ -193,9 +199,9 @@ impl<S: Steps> Batch<'_, S> {
     /// thread that began the batch; another one would wait until its deadline.
     pub fn work_until(&mut self, deadline: Instant) -> bool {
         match &mut self.work {
-            Work::Alone { places, next, cancelled } => {
-                while let Some(place) = places.get_mut(*next) {
-                    if !place.step(Some(deadline), || *cancelled) {
+            Work::Alone { groups, next, cancelled } => {
+                while let Some(group) = groups.get_mut(*next) {
+                    if !group.step(Some(deadline), || *cancelled) {
                         return false;
                     }
                     *next += 1;
@@ -220,10 +226,12 @@ impl<S: Steps> Batch<'_, S> {
     /// Works until the end; the worlds, in the order in which they were given.
     pub fn finish(mut self) -> Vec<Stepped<S>> {
         self.complete();
-        let done: Vec<_> = match &mut self.work {
-            Work::Alone { places, .. } => places.iter_mut().map(Place::take).collect(),
-            Work::Helped { shared, .. } => shared.places.iter().map(|place| place.lock().take()).collect(),
-        };
+        let mut done = Vec::new();
+        let mut take = |group: &mut Group<S>| done.extend(group.0.iter_mut().map(Place::take));
+        match &mut self.work {
+            Work::Alone { groups, .. } => groups.iter_mut().for_each(take),
+            Work::Helped { shared, .. } => shared.groups.iter().for_each(|group| take(&mut group.lock())),
+        }
         self.pool.remember(&self, done.len());
         done
     }
@@ -263,11 +271,15 @@ impl<S> Place<S> {
 }
 
 impl<S: Steps> Place<S> {
-    /// Steps the world to its end, or until about `until`; whether it is at its end.
-    fn step(&mut self, until: Option<Instant>, is_cancelled: impl Fn() -> bool) -> bool {
+    fn is_done(&self) -> bool {
+        self.left == 0 || self.result.is_err() || self.world.is_none()
+    }
+
+    /// Steps the world to its end, or until about `until`.
+    fn step(&mut self, until: Option<Instant>, is_cancelled: impl Fn() -> bool) {
         let Self { world, left, result } = self;
         while *left > 0 && result.is_ok() && !is_cancelled() {
-            let Some(present) = world.as_mut() else { return true };
+            let Some(present) = world.as_mut() else { return };
             match catch_unwind(AssertUnwindSafe(|| present.advance(*left))) {
                 Ok(Ok(made)) => *left = left.saturating_sub(made.max(1)),
                 Ok(Err(problem)) => *result = Err(problem),
@@ -276,32 +288,52 @@ impl<S: Steps> Place<S> {
                     let _ = catch_unwind(AssertUnwindSafe(|| drop(world.take())));
                 }
             }
-            if *left > 0 && until.is_some_and(|until| Instant::now() >= until) {
-                return false;
+            if until.is_some_and(|until| Instant::now() >= until) {
+                return;
             }
         }
-        true
     }
+}
+
+/// Worlds that a thread steps side by side.
+struct Group<S>(Vec<Place<S>>);
+
+impl<S: Steps> Group<S> {
+    /// Steps the worlds to their ends, or until about `until`; whether they are at their ends.
+    fn step(&mut self, until: Option<Instant>, is_cancelled: impl Fn() -> bool) -> bool {
+        let is_cancelled = &is_cancelled;
+        let mut tasks: Vec<_> = self.0.iter_mut().map(|place| || place.step(until, is_cancelled)).collect();
+        together::run(&mut tasks.iter_mut().map(|task| task as &mut dyn FnMut()).collect::<Vec<_>>());
+        drop(tasks);
+        is_cancelled() || self.0.iter().all(Place::is_done)
+    }
+}
+
+/// Groups for so many threads, in the order of the worlds.
+fn groups_of<S: Steps>(places: Vec<Place<S>>, threads: usize) -> Vec<Group<S>> {
+    let size = places.len().div_ceil(threads).clamp(1, S::SIDE_BY_SIDE);
+    let mut places = places.into_iter().peekable();
+    std::iter::from_fn(|| places.peek().is_some().then(|| Group(places.by_ref().take(size).collect()))).collect()
 }
 
 /// What caller and helpers have in common.
 struct Shared<S> {
-    /// One a world. Who has taken its index from the list has it alone.
-    places: Vec<Mutex<Place<S>>>,
-    /// First world that nobody has taken.
+    /// Who has taken the index of a group from the list has it alone.
+    groups: Vec<Mutex<Group<S>>>,
+    /// First group that nobody has taken.
     next: AtomicUsize,
     /// So many are taken at a time.
     chunk: usize,
-    /// Worlds that are not done.
+    /// Groups that are not done.
     unfinished: AtomicUsize,
     cancelled: AtomicBool,
     caller: Thread,
 }
 
 impl<S: Steps> Shared<S> {
-    /// Takes worlds from the list; none are left if it is empty.
+    /// Takes groups from the list; none are left if it is empty.
     fn claim(&self) -> Range<usize> {
-        let count = self.places.len();
+        let count = self.groups.len();
         if self.next.load(Ordering::Relaxed) >= count {
             return count..count;
         }
@@ -310,7 +342,7 @@ impl<S: Steps> Shared<S> {
     }
 
     fn step(&self, index: usize, until: Option<Instant>) -> bool {
-        self.places[index].lock().step(until, || self.cancelled.load(Ordering::Relaxed))
+        self.groups[index].lock().step(until, || self.cancelled.load(Ordering::Relaxed))
     }
 
     /// What a helper does.
@@ -389,7 +421,7 @@ fn kind_of(count: usize, iterations: u64) -> Kind {
     (count.max(1).ilog2(), mean.max(1).ilog2())
 }
 
-/// Worlds that are taken at a time, of `count` on so many `threads`, when one costs `cost` s.
+/// Groups that are taken at a time, of `count` on so many `threads`, when one costs `cost` s.
 fn chunk_of(count: usize, threads: usize, cost: f64) -> usize {
     let enough = if cost > 0.0 { (CHUNK.as_secs_f64() / cost) as usize } else { 1 };
     // Each thread gets several, so that all end at about the same time.

@@ -12,6 +12,7 @@ use ambf_core::ids::{BodyId, JointId};
 use ambf_core::scene::{ParameterChange, StateChange};
 use ambf_core::sim::{LostState, StepPool, Stepper, Steps};
 use ambf_core::text;
+use ambf_core::together;
 use nalgebra::{Isometry3, Vector3};
 use numpy::{PyArray1, PyReadonlyArray1};
 use parking_lot::Mutex;
@@ -150,6 +151,8 @@ impl Lane {
 }
 
 impl Steps for Lane {
+    const SIDE_BY_SIDE: usize = together::SIDE_BY_SIDE;
+
     fn advance(&mut self, at_most: u32) -> Result<u32, LostState> {
         let made = match std::mem::take(&mut self.task) {
             Task::Step => slice(&mut self.stepper, at_most),

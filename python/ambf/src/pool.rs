@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use ambf_core::sim::{LostState, StepPool, Stepped, Steps};
+use ambf_core::together;
 use parking_lot::Mutex;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -14,6 +15,8 @@ use crate::errors;
 use crate::world::{slice, Physics, World, SLICE};
 
 impl Steps for Physics {
+    const SIDE_BY_SIDE: usize = together::SIDE_BY_SIDE;
+
     fn advance(&mut self, at_most: u32) -> Result<u32, LostState> {
         slice(&mut self.stepper, at_most)
     }
