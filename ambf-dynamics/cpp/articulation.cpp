@@ -434,11 +434,10 @@ void AmbArticulation::add_damper(AmbConstraint &joint, size_t link) {
   springs.push_back({&joint, link, 1, -1});
 }
 
-// Classifies springs for a sub-step of h s: soft ones are integrated with the motion, stiff ones become implicit rows,
+// Classifies springs for a sub-step of h s, from the poses at its beginning: soft ones are integrated with the motion, stiff ones become implicit rows,
 // which cannot overshoot. Those in between are rows of the position problem, too.
 void AmbArticulation::choose_springs(btScalar h) {
   if (springs.empty()) return;
-  dynamics.update_poses(position);
   dynamics.factor_inertia();
   for (ArticulationDynamics::Spring &spring : dynamics.springs) {
     const btScalar response = dynamics.response(spring.coordinate) * h;

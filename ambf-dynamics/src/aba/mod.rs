@@ -18,6 +18,9 @@ mod four;
 pub mod scalar;
 pub mod together;
 
+#[cfg(test)]
+mod tests;
+
 use algebra::{Inertia, Matrix, Symmetric, Vector};
 use scalar::Scalar;
 
