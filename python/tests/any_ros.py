@@ -233,7 +233,8 @@ step = world.step(0, patience=60).sim_step
 for count in (1, 10):
     result = world.step(count, commands=[arm, actuator], observe=[arm, ghost, scale, proximity, actuator], patience=60)
     step += count
-    assert result.sim_step == step == arm.get_sim_step() == scale.get_sim_step() == ghost.get_sim_step(), result
+    steps = [result.sim_step, *(handle.get_sim_step() for handle in (arm, scale, ghost))]
+    assert steps == [step] * 4, f"after {count}: steps {steps}, not {step}"
 assert set(result.states) == {handle.get_name() for handle in (arm, ghost, scale, proximity, actuator)}
 world.step(0, patience=0.01)
 world.enable_throttling(True)
