@@ -165,12 +165,11 @@ impl AmbAbaTree {
 /// # Safety
 /// There are `count` elements, which nobody changes while the result lives.
 pub(super) unsafe fn part<'a, T>(first: *const T, count: usize) -> &'a [T] {
-    // SAFETY: by the contract of this function.
     if count == 0 {
-        &[]
-    } else {
-        unsafe { slice::from_raw_parts(first, count) }
+        return &[];
     }
+    // SAFETY: by the contract of this function.
+    unsafe { slice::from_raw_parts(first, count) }
 }
 
 /// As [`part`].
@@ -178,12 +177,11 @@ pub(super) unsafe fn part<'a, T>(first: *const T, count: usize) -> &'a [T] {
 /// # Safety
 /// As [`part`], and nobody reads them.
 pub(super) unsafe fn part_mut<'a, T>(first: *mut T, count: usize) -> &'a mut [T] {
-    // SAFETY: by the contract of this function.
     if count == 0 || first.is_null() {
-        &mut []
-    } else {
-        unsafe { slice::from_raw_parts_mut(first, count) }
+        return &mut [];
     }
+    // SAFETY: by the contract of this function.
+    unsafe { slice::from_raw_parts_mut(first, count) }
 }
 
 /// # Safety

@@ -261,19 +261,19 @@ impl<S: Scalar> Tree<'_, S> {
                 let (sliding, freedoms) = (link.sliding as usize, link.freedoms());
                 let rates = &rate.q[link.coordinate()..][..freedoms];
                 let mut slide = Vector::zero();
-                for k in 0..sliding {
+                for (k, &speed) in rates[..sliding].iter().enumerate() {
                     w.freedoms[k].s_angular = Vector::zero();
                     w.freedoms[k].s_linear = parent.column(k);
-                    slide += w.freedoms[k].s_linear * rates[k];
+                    slide += w.freedoms[k].s_linear * speed;
                 }
-                for k in sliding..freedoms {
+                for (k, &speed) in rates.iter().enumerate().skip(sliding) {
                     let axis = if link.turning == 3 { parent.column(k - sliding) } else { self.axes[i + 1] };
                     let way = axis.cross(arm);
                     w.freedoms[k].s_angular = axis;
                     w.freedoms[k].s_linear = way;
-                    angular += axis * rates[k];
-                    linear += way * rates[k];
-                    w.c_angular += omega.cross(axis) * rates[k];
+                    angular += axis * speed;
+                    linear += way * speed;
+                    w.c_angular += omega.cross(axis) * speed;
                 }
                 w.c_linear =
                     w.c_angular.cross(arm) + omega.cross(omega.cross(w.r - arm)) + angular.cross(angular.cross(arm));
@@ -429,8 +429,8 @@ impl<S: Scalar> Tree<'_, S> {
         for i in 0..6 {
             for j in 0..=i {
                 let mut sum = base.articulated.element(i, j);
-                for k in 0..j {
-                    sum -= l[i][k] * l[j][k];
+                for (a, b) in l[i][..j].iter().zip(&l[j]) {
+                    sum -= *a * *b;
                 }
                 l[i][j] = if i == j { sum.or_larger(least[i / 3]).sqrt() } else { sum / l[j][j] };
             }

@@ -132,8 +132,8 @@ impl World {
     fn driven(mut self, seed: u64) -> Self {
         let mut numbers = Numbers(seed);
         let mut drive = |k: usize| Drive {
-            inertia: if k % 3 == 0 { 0.5 + 0.4 * numbers.next() } else { 0.0 },
-            pull: if k % 3 == 0 { numbers.next() } else { 0.0 },
+            inertia: if k.is_multiple_of(3) { 0.5 + 0.4 * numbers.next() } else { 0.0 },
+            pull: if k.is_multiple_of(3) { numbers.next() } else { 0.0 },
             is_given: if k % 3 == 1 && numbers.next() > 0.0 { 1.0 } else { 0.0 },
             given: numbers.next(),
             force: f64::NAN,
