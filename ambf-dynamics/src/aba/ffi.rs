@@ -99,7 +99,8 @@ pub struct AmbAbaTable {
         is_placed: c_int,
         out: *const AmbAbaRates,
     ),
-    /// See [`Tree::project`]; `wanted_linear` and `wanted_angular` have one vector a body.
+    /// Rates with the least kinetic energy of the difference between the velocities of the bodies and those wanted, one vector a body.
+    /// Poses are up to date, velocities are those that the base gives to bodies without rates of joints.
     pub project: unsafe extern "C" fn(
         tree: *const AmbAbaTree,
         wanted_linear: *const Vector<f64>,
@@ -107,9 +108,11 @@ pub struct AmbAbaTable {
         efforts: *const f64,
         out: *const AmbAbaRates,
     ),
-    /// See [`Tree::factor`]: matrix and diagonal have six rows more than there are coordinates.
+    /// Writes L, where the generalised inertia is Lᵀ L, by rows, and the inverses of its diagonal; both have six components of the base,
+    /// angular first, before the coordinates. Poses and velocities are up to date.
     pub factor: unsafe extern "C" fn(tree: *const AmbAbaTree, factor: *mut f64, inverse_diagonal: *mut f64),
-    /// See [`Tree::add_jacobian`].
+    /// Adds to a row of the Jacobian of those components the part of an impulse along `force` at the centre of mass of a body, and along
+    /// `torque`; where `of_joint_only` is not 0, of an impulse between it and its parent.
     pub add_jacobian: unsafe extern "C" fn(
         tree: *const AmbAbaTree,
         body: c_int,
