@@ -29,7 +29,7 @@ btScalar bound_of(const Drive &drive) { return drive.state == Drive::State::Low 
 
 }  // namespace
 
-Drive ArticulationDynamics::Bound::as_drive() const {
+Drive ArticulationDynamics::limit(int coordinate, bool is_angle, btScalar side, btScalar target, btScalar gap) {
   Drive drive;
   drive.coordinate = coordinate;
   drive.target = target;
@@ -220,24 +220,30 @@ void ArticulationDynamics::add_drive_sums(btScalar time, const Rate &rate) {
 
 // Lets limits act that the step passes and leaves with a rate that leads on, although the accelerations at its beginning did
 // not. Returns whether there are such limits.
-bool ArticulationDynamics::catch_limits(const Position &from, const Position &to, const Rate &rate) {
+bool ArticulationDynamics::catch_limits(btScalar h, const Position &from, const Position &to, const Rate &rate) {
   bool caught = false;
-  const auto is_passed = [&](const auto &bound) {
-    const int k = bound.coordinate;
-    const bool is_reached = bound.bounds_rate() || bound.gap + bound.side * (to.q[k] - from.q[k]) < 0;
-    return is_reached && bound.side * (rate.q[k] - bound.target) < 0;
-  };
-  const auto release = [&](Drive &drive) {
+  const auto check = [&](Drive &drive) {
+    const int k = drive.coordinate;
+    const bool is_reached = drive.bounds_rate() || drive.gap + drive.side * (to.q[k] - from.q[k]) < 0;
+    if (!is_reached || drive.side * (rate.q[k] - drive.target) >= 0) return false;
     drive.start_state = Drive::State::Free;
     caught = true;
+    return true;
   };
   for (Drive &drive : drives) {
-    if (drive.side != 0 && !is_free(drive) && drive.gap >= 0 && is_passed(drive)) release(drive);
+    if (drive.side != 0 && !is_free(drive) && drive.gap >= 0) check(drive);
   }
-  for (const Bound &bound : distant_limits) {
-    if (!is_passed(bound)) continue;
-    drives.push_back(bound.as_drive());
-    release(drives.back());
+  for (const DistantLimits &limits : distant_limits) {
+    const int k = limits.coordinate;
+    const btScalar way = to.q[k] - from.q[k], speed = rate.q[k];
+    const auto add = [&](btScalar side, btScalar target, btScalar gap) {
+      Drive drive = limit(k, limits.is_angle, side, side * target, gap);
+      if (check(drive)) drives.push_back(drive);
+    };
+    if (speed < -limits.backward) add(1, -limits.backward, BT_LARGE_FLOAT);
+    if (speed > limits.forward) add(-1, -limits.forward, BT_LARGE_FLOAT);
+    if (limits.below + way < 0) add(1, -limits.below / h, limits.below);
+    if (limits.above - way < 0) add(-1, -limits.above / h, limits.above);
   }
   return caught;
 }

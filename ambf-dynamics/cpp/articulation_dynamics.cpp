@@ -574,7 +574,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     // and what drag takes is more: nothing can be removed then.
     if (std::isfinite(after) &&
         (after <= 0 || after <= allowed + slack || after <= allowed + slack + rounding_of_work(from))) {
-      if (has_caught || !catch_limits(from, to, new_rate)) break;
+      if (has_caught || !catch_limits(h, from, to, new_rate)) break;
       has_caught = true;
       drive_step = h;
       begin_again(from, slopes[0]);

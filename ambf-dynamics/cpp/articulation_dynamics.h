@@ -104,16 +104,18 @@ class ArticulationDynamics {
     btScalar impulse = 0, mean_impulse = 0, work = 0;
   };
 
-  // A limit of a coordinate, or a bound of its rate, which keeps the rate above (side 1) or below (-1) the target where it has to;
-  // see Drive::gap.
-  struct Bound {
+  // Limits of a coordinate and bounds of its rate that the step will not reach unless a rate more than doubles; infinite: none.
+  struct DistantLimits {
     int coordinate;
-    btScalar side, target, gap;
     bool is_angle;
+    // Distances from the lower and the upper limit, rad or m, and bounds of the rate in either direction, rad/s or m/s, positive.
+    btScalar below = BT_LARGE_FLOAT, above = BT_LARGE_FLOAT, backward = BT_LARGE_FLOAT, forward = BT_LARGE_FLOAT;
 
-    bool bounds_rate() const { return gap >= BT_LARGE_FLOAT; }
-    Drive as_drive() const;
+    bool any() const { return below < BT_LARGE_FLOAT || above < BT_LARGE_FLOAT || backward < BT_LARGE_FLOAT || forward < BT_LARGE_FLOAT; }
   };
+
+  // The drive that keeps a rate above (side 1) or below (-1) the target where it has to; see Drive::gap.
+  static Drive limit(int coordinate, bool is_angle, btScalar side, btScalar target, btScalar gap);
 
   // Linear (N s) and angular (N m s) momentum.
   struct Momentum {
@@ -260,9 +262,8 @@ class ArticulationDynamics {
   Vector<Coupling> couplings;
   // Of the next step; `step` is the only function that knows them.
   Vector<Drive> drives;
-  // Limits that the step will not reach unless a rate more than doubles: where it does reach one, it is added to the drives and
-  // the step made again.
-  Vector<Bound> distant_limits;
+  // Where the step reaches one of these, it is added to the drives and the step made again.
+  Vector<DistantLimits> distant_limits;
   // Force on each coordinate, N or N m, constant over a step.
   Vector<btScalar> generalised_forces;
   // Those without what `bound_acceleration` adds, during a step.
@@ -300,7 +301,7 @@ class ArticulationDynamics {
   void accelerate_driven(const Position &position, const Rate &rate, Rate &acceleration, bool is_placed = true);
   void begin_drive_sums();
   void add_drive_sums(btScalar time, const Rate &rate);
-  bool catch_limits(const Position &from, const Position &to, const Rate &rate);
+  bool catch_limits(btScalar h, const Position &from, const Position &to, const Rate &rate);
   void begin_again(const Position &from, Rate &acceleration);
   bool is_driven(const Link &link) const;
   btScalar fastest_undriven(const Rate &rate) const;

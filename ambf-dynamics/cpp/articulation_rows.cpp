@@ -192,8 +192,11 @@ void JointRows::add_drive(const ArticulationDynamics::Drive &drive, int source) 
   articulation.dynamics.drives.push_back(drive);
 }
 
-void JointRows::plan_limit_drive(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar bounce, btScalar h) {
+void JointRows::plan_limit_drives(ArticulationDynamics::DistantLimits &distant, btScalar low, btScalar high, btScalar bounce,
+                                  btScalar h) {
   if (low > high) return;
+  const int coordinate = distant.coordinate;
+  const bool is_angle = distant.is_angle;
   const btScalar q = coordinate_within(coordinate, low, high, is_angle);
   if (low == high) {
     plan_drive(coordinate, 0, 0, -BT_LARGE_FLOAT, BT_LARGE_FLOAT, LIMIT, is_angle);
@@ -206,18 +209,13 @@ void JointRows::plan_limit_drive(int coordinate, btScalar low, btScalar high, bo
   const btScalar rate = articulation.rate.q[coordinate];
   for (btScalar side : {1, -1}) {
     const btScalar gap = side * (q - (side > 0 ? low : high)), speed = side * rate;
+    if (gap > NEAR_LIMIT * (high - low) && gap + 2 * h * speed > 0) {
+      (side > 0 ? distant.below : distant.above) = gap;
+      continue;
+    }
     btScalar target = gap < 0 ? 0 : -gap / h;
     if (bounce > 0 && gap + h * speed < 0) target = std::max(target, -bounce * speed);
-    const bool is_distant = gap > NEAR_LIMIT * (high - low) && gap + 2 * h * speed > 0;
-    add_bound({coordinate, side, side * target, gap, is_angle}, is_distant);
-  }
-}
-
-void JointRows::add_bound(const ArticulationDynamics::Bound &bound, bool is_distant) {
-  if (is_distant) {
-    articulation.dynamics.distant_limits.push_back(bound);
-  } else {
-    add_drive(bound.as_drive(), bound.bounds_rate() ? LARGEST_RATE : LIMIT);
+    add_drive(ArticulationDynamics::limit(coordinate, is_angle, side, side * target, gap), LIMIT);
   }
 }
 
@@ -245,19 +243,27 @@ void JointRows::plan_drives(btScalar h) {
                  BT_LARGE_FLOAT, rotor_of(link.coordinate), is_hinge);
     const btScalar friction = joint.motor.friction * h;
     if (friction > 0) plan_drive(link.coordinate, 0, 0, -friction, friction, friction_of(link.coordinate), is_hinge);
+    ArticulationDynamics::DistantLimits distant{link.coordinate, is_hinge};
     for (const btScalar side : {1, -1}) {
+      const btScalar most = joint.motor.max_rate;
       if (!joint.motor.bounds_rate()) break;
-      const bool is_distant = side * articulation.rate.q[link.coordinate] > -joint.motor.max_rate / 2;
-      add_bound({link.coordinate, side, -side * joint.motor.max_rate, BT_LARGE_FLOAT, is_hinge}, is_distant);
+      if (side * articulation.rate.q[link.coordinate] > -most / 2) {
+        (side > 0 ? distant.backward : distant.forward) = most;
+      } else {
+        add_drive(ArticulationDynamics::limit(link.coordinate, is_hinge, side, -side * most, BT_LARGE_FLOAT), LARGEST_RATE);
+      }
     }
-    plan_limit_drive(link.coordinate, joint.motor.low, joint.motor.high, is_hinge, is_hinge ? HINGE_BOUNCE : 0, h);
+    plan_limit_drives(distant, joint.motor.low, joint.motor.high, is_hinge ? HINGE_BOUNCE : 0, h);
+    if (distant.any()) dynamics.distant_limits.push_back(distant);
   }
   for (size_t i = 0; i < articulation.springs.size(); ++i) {
     const ArticulationDynamics::Spring &spring = dynamics.springs[i];
     if (spring.is_stiff)
       plan_drive(spring.coordinate, target_of(spring, h), 1 / (h * (spring.damping + h * spring.stiffness)), -BT_LARGE_FLOAT,
                  BT_LARGE_FLOAT, dynamics.coordinates + static_cast<int>(i), spring.is_angle);
-    plan_limit_drive(spring.coordinate, articulation.springs[i].low, articulation.springs[i].high, spring.is_angle, 0, h);
+    ArticulationDynamics::DistantLimits distant{spring.coordinate, spring.is_angle};
+    plan_limit_drives(distant, articulation.springs[i].low, articulation.springs[i].high, 0, h);
+    if (distant.any()) dynamics.distant_limits.push_back(distant);
   }
 }
 

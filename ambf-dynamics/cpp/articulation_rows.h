@@ -101,9 +101,8 @@ class JointRows : public EngineRows {
   btScalar target_of(const ArticulationDynamics::Spring &spring, btScalar h) const;
   void plan_limits_of(AmbConstraint &joint, size_t member, btScalar h);
   void plan_drive(int coordinate, btScalar target, btScalar softness, btScalar low, btScalar high, int source, bool is_angle);
-  void plan_limit_drive(int coordinate, btScalar low, btScalar high, bool is_angle, btScalar bounce, btScalar h);
+  void plan_limit_drives(ArticulationDynamics::DistantLimits &distant, btScalar low, btScalar high, btScalar bounce, btScalar h);
   void add_drive(const ArticulationDynamics::Drive &drive, int source);
-  void add_bound(const ArticulationDynamics::Bound &bound, bool is_distant);
   btScalar coordinate_within(int coordinate, btScalar low, btScalar high, bool is_angle) const;
   void remember(btScalar h);
   bool motor_of(const AmbConstraint &joint, btScalar h, btScalar &target, btScalar &softness, btScalar &impulse) const;
