@@ -10,6 +10,7 @@ mod cache;
 mod dae;
 mod gltf;
 mod material;
+mod msh;
 mod obj;
 mod parts;
 mod placement;
@@ -48,7 +49,7 @@ const MAX_SUB_MESHES: usize = 100_000;
 pub struct Mesh {
     /// In file order, at least one. STL has one; OBJ max(number of materials, number of objects, 1), faces assigned by
     /// material and the surplus ones empty; 3DS one for each material used by each object; Collada and glTF one for
-    /// each primitive of each placed geometry; PLY one.
+    /// each primitive of each placed geometry; PLY and MSH one.
     pub sub_meshes: Vec<SubMesh>,
 }
 
@@ -113,7 +114,7 @@ pub enum MeshError {
         source: io::Error,
     },
     /// Error when the extension names no known format.
-    #[error("{}: mesh format '{extension}' is not known; use stl, obj, 3ds, dae, ply, gltf or glb", path.display())]
+    #[error("{}: mesh format '{extension}' is not known; use stl, obj, 3ds, dae, ply, gltf, glb or msh", path.display())]
     UnknownFormat {
         /// The mesh file.
         path: PathBuf,
@@ -143,8 +144,8 @@ pub enum MeshError {
     NonFinite {
         /// The mesh file.
         path: PathBuf,
-        /// Number of the vertex, from 0: in the file's vertex list where it has one (OBJ, 3DS, PLY, glTF), else of the
-        /// triangle corner.
+        /// Number of the vertex, from 0: in the file's vertex list where it has one (OBJ, 3DS, PLY, glTF, MSH), else
+        /// of the triangle corner.
         vertex: usize,
         /// The offending position.
         value: [f64; 3],
@@ -191,7 +192,7 @@ impl MeshError {
 }
 
 /// Reads a mesh file; the format follows the extension, in any letter case: `stl` (binary or ASCII), `obj`, `3ds`,
-/// `dae`, `ply` (binary or ASCII), `gltf`, `glb`.
+/// `dae`, `ply` (binary or ASCII), `gltf`, `glb`, `msh` (that of MuJoCo).
 ///
 /// glTF says that +y is up and +z is forward. In ADF +z is up, so that a point (x, y, z) of a glTF file becomes (x, −z,
 /// y), as in Blender and Drake. No other format is turned.
@@ -206,6 +207,7 @@ impl MeshError {
 /// * Collada: `<up_axis>` is ignored (robot descriptions expect coordinates as written), the unit and the node
 ///   transforms are applied; skins, splines and lines are skipped.
 /// * PLY: only vertices and polygons are read, no triangle strips. Points without faces are an error.
+/// * MSH: texture coordinates are skipped. Of a file without triangles the vertices are read.
 /// * glTF: version 2.0, without compression and without sparse accessors. The default scene is read, else the first,
 ///   else all nodes. Skins are drawn as their nodes place them; morph targets, animations, points and lines are
 ///   skipped. Of textures the base colour, metalness with roughness, and normals are drawn, all with the texture
@@ -276,6 +278,7 @@ fn reader_of(path: &Path) -> Result<Reader, MeshError> {
         "dae" => dae::read,
         "ply" => ply::read,
         "gltf" | "glb" => gltf::read,
+        "msh" => |path, bytes, _, details| msh::read(path, &bytes, details),
         _ => return Err(MeshError::UnknownFormat { path: path.to_path_buf(), extension: extension.into_owned() }),
     })
 }
