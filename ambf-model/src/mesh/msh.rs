@@ -82,7 +82,8 @@ impl<'b> Content<'b> {
         let [vertices, normals, coordinates, triangles] = counts;
         for (name, count) in [("normals", normals), ("texture coordinates", coordinates)] {
             if count != 0 && count != vertices {
-                let message = format!("the header announces {count} {name}, expected none or those of {vertices} vertices");
+                let message =
+                    format!("the header announces {count} {name}, expected none or those of {vertices} vertices");
                 return Err(malformed(0, message));
             }
         }

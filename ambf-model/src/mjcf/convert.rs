@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::actuator::{motor_impulse, Drives};
 use super::body::{free, Bodies, Body};
+use super::contact::Exceptions;
 use super::geom::Geom;
 use super::joint::{Joint, Kind};
 use super::relation::Couplings;
@@ -36,8 +37,7 @@ pub(super) struct Context<'c> {
     pub options: &'c Options,
     /// Joints beyond those of the tree are there.
     pub has_loops: bool,
-    /// Pairs of bodies, by index, that never collide.
-    pub excluded: &'c [(usize, usize)],
+    pub exceptions: &'c Exceptions,
 }
 
 /// Identifiers of a body and a joint of a name.
@@ -94,30 +94,46 @@ pub(super) fn convert(bodies: &Bodies<'_>, context: &Context<'_>, drives: &Drive
     let loads = loads(all, share);
     let clusters = clusters(all);
     let mut excluded: HashMap<usize, Vec<u32>> = HashMap::new();
-    for &(a, b) in context.excluded {
+    for &(a, b) in &context.exceptions.excluded {
         excluded.entry(a).or_default().push(b as u32);
         excluded.entry(b).or_default().push(a as u32);
     }
+    // By the body and, if it is one of its own here, the geom.
+    let mut included: HashMap<(usize, Option<usize>), Vec<u32>> = HashMap::new();
+    for &[a, b] in &context.exceptions.pairs {
+        for ((body, geom), (other, _)) in [(a, b), (b, a)] {
+            let own = all[body].geoms[geom].is_apart().then_some(geom);
+            included.entry((body, own)).or_default().push(other as u32);
+        }
+    }
     for (index, body) in all.iter().enumerate() {
         let load = loads[index];
+        let together = || body.geoms.iter().filter(|geom| !geom.is_apart());
         let filter = CollisionFilter {
-            kind: body.geoms.iter().fold(0, |bits, geom| bits | geom.text.contact),
-            affinity: body.geoms.iter().fold(0, |bits, geom| bits | geom.text.affinity),
+            kind: together().fold(0, |bits, geom| bits | geom.text.contact),
+            affinity: together().fold(0, |bits, geom| bits | geom.text.affinity),
             member: index as u32,
             cluster: clusters[index] as u32,
             outer: outer_cluster(all, &clusters, index, context.options).map(|outer| outer as u32),
             excluded: excluded.remove(&index).unwrap_or_default(),
+            included: included.remove(&(index, None)).unwrap_or_default(),
         };
         check_masks(body);
         let massless = ((share * load.mass).max(LEAST), Vector3::repeat((share * load.moment).max(LEAST)));
-        let planes = body.geoms.iter().filter(|geom| geom.is_plane());
-        for (number, plane) in planes.enumerate() {
+        let planes = body.geoms.iter().enumerate().filter(|(_, geom)| geom.is_plane());
+        for (number, (place, plane)) in planes.enumerate() {
             // A body may be called as the geom is.
             let own = plane.name.clone().filter(|name| !converted.body_names.0.contains(name));
             let name = converted.body_names.give(own.unwrap_or_else(|| format!("{}_plane{number}", body.name)));
-            converted.bodies.extend(plane_body(body, plane, &name, context, &filter));
+            let filter = CollisionFilter {
+                kind: plane.text.contact,
+                affinity: plane.text.affinity,
+                included: included.remove(&(index, Some(place))).unwrap_or_default(),
+                ..filter.clone()
+            };
+            converted.bodies.extend(plane_body(body, plane, &name, context, filter));
         }
-        let has_rest = body.geoms.iter().any(|geom| !geom.is_plane());
+        let has_rest = together().next().is_some();
         // The world itself is a body where it has shapes, or joints hold on it.
         if index > 0 || has_rest || is_held(all, 0) {
             converted.has_world |= index == 0;
@@ -165,7 +181,7 @@ fn loads(all: &[Body<'_>], share: f64) -> Vec<Load> {
 }
 
 /// For each body the first of those that are fixed to each other.
-fn clusters(all: &[Body<'_>]) -> Vec<usize> {
+pub(super) fn clusters(all: &[Body<'_>]) -> Vec<usize> {
     let mut clusters = vec![0; all.len()];
     for (index, body) in all.iter().enumerate().skip(1) {
         clusters[index] = if body.joints.is_empty() { clusters[body.parent] } else { index };
@@ -182,8 +198,8 @@ fn outer_cluster(all: &[Body<'_>], clusters: &[usize], index: usize, options: &O
 
 /// Names what is lost where a body has geoms that collide with different ones.
 fn check_masks(body: &Body<'_>) {
-    let mut masks =
-        body.geoms.iter().filter(|geom| geom.collides()).map(|geom| (geom.text.contact, geom.text.affinity));
+    let together = body.geoms.iter().filter(|geom| geom.collides() && !geom.is_apart());
+    let mut masks = together.map(|geom| (geom.text.contact, geom.text.affinity));
     let Some(first) = masks.next() else { return };
     if masks.any(|other| other != first) {
         let found = "of different geoms are not the same";
@@ -205,7 +221,7 @@ fn plane_body(
     plane: &Geom<'_>,
     name: &str,
     context: &Context<'_>,
-    filter: &CollisionFilter,
+    filter: CollisionFilter,
 ) -> Option<RigidBody> {
     if !body.is_static {
         let expected = "planes of bodies that stand still";
@@ -219,8 +235,7 @@ fn plane_body(
     if plane.collides() && context.options.has_contacts {
         made.collision = CollisionGeometry::Primitive { primitive: primitive.clone(), offset: None };
         made.surface = surface(std::iter::once(plane));
-        made.collision_filter =
-            Some(CollisionFilter { kind: plane.text.contact, affinity: plane.text.affinity, ..filter.clone() });
+        made.collision_filter = Some(filter);
     }
     if plane.is_drawn() {
         // About its own middle: that of the description has its place.
@@ -264,7 +279,7 @@ fn rigid_body(
 ) -> RigidBody {
     let mut made = still(&body.name, body, context);
     made.location = body.in_world;
-    let solid = || body.geoms.iter().filter(|geom| !geom.is_plane());
+    let solid = || body.geoms.iter().filter(|geom| !geom.is_apart());
     let parts: Vec<Part> = solid().filter(|geom| geom.collides()).map(|geom| geom.part.clone()).collect();
     if !parts.is_empty() && context.options.has_contacts {
         // Hulls, as in MuJoCo, also of what stands still.

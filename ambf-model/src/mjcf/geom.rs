@@ -161,6 +161,8 @@ pub(super) struct Geom<'a> {
     pub material: Option<Material>,
     /// In the body's frame; `None`: it weighs nothing, or its volume is not known.
     pub mass: Option<Mass>,
+    /// A `pair` says that it collides.
+    pub is_paired: bool,
 }
 
 impl<'a> Geom<'a> {
@@ -248,11 +250,16 @@ impl<'a> Geom<'a> {
         }
         let material = assets.material(&element, text.material, text.rgba);
         let mass = shape.map(|shape| weight(shape).placed(&part.offset)).filter(|mass| mass.mass > 0.0);
-        Some(Self { name, text, part, material, mass })
+        Some(Self { name, text, part, material, mass, is_paired: false })
     }
 
     /// Whether it meets anything.
     pub fn collides(&self) -> bool {
+        self.has_masks() || self.is_paired
+    }
+
+    /// Whether it may meet what no `pair` names.
+    pub fn has_masks(&self) -> bool {
         self.text.contact != 0 || self.text.affinity != 0
     }
 
@@ -260,6 +267,11 @@ impl<'a> Geom<'a> {
     pub fn is_drawn(&self) -> bool {
         const HIDDEN_FROM: f64 = 3.0;
         self.text.group < HIDDEN_FROM && self.material.as_ref().is_none_or(|material| material.alpha > 0.0)
+    }
+
+    /// Whether it is a body of its own here.
+    pub fn is_apart(&self) -> bool {
+        self.is_plane()
     }
 
     pub fn is_plane(&self) -> bool {
