@@ -36,6 +36,7 @@ pub use material::{MeshMaterial, MeshTexture, MetallicRoughness};
 pub use parts::{enclosed_volume, has_holes};
 pub use sources::Sources;
 use visual::Details;
+pub(crate) use visual::MAX_TRIANGLES;
 pub use visual::{load_both, load_visual, parse_visual, VisualMesh, VisualMeshPart};
 
 /// Largest file that is read, in bytes. Far above any usable collision mesh; stops a wrong path from eating the memory.
@@ -327,6 +328,24 @@ impl Mesh {
             }
         }
         mesh
+    }
+
+    /// A mesh of one part with these triangles, or, if there are none, with these vertices; `None`: an index is out of range, or a
+    /// number is not finite.
+    pub(crate) fn of_triangles(vertices: &[[f64; 3]], triangles: &[[usize; 3]]) -> Option<Mesh> {
+        let is_finite = vertices.as_flattened().iter().all(|number| number.is_finite());
+        let exists = triangles.as_flattened().iter().all(|index| *index < vertices.len());
+        if !(is_finite && exists) {
+            return None;
+        }
+        let mut surface = Welder::default();
+        triangles.iter().for_each(|triangle| surface.triangle(triangle.map(|index| vertices[index])));
+        if triangles.is_empty() {
+            vertices.iter().for_each(|vertex| {
+                surface.vertex(*vertex);
+            });
+        }
+        Some(Mesh { sub_meshes: vec![surface.finish()] })
     }
 
     /// Number of triangles of all sub-meshes.

@@ -13,8 +13,8 @@ use super::relation::Couplings;
 use super::settings::Options;
 use crate::adf::{
     CollisionFilter, CollisionGeometry, CollisionMeshKind, Common, Controller, Coupling, DriveTrain, Joint as AdfJoint,
-    JointKind, Leader, Limits, Part, PartGeometry, Primitive, ProblemKind, RigidBody, SourcePos, Surface, Visual,
-    VisualGeometry, VisualPart,
+    JointKind, Leader, Limits, Part, Primitive, ProblemKind, RigidBody, SourcePos, Surface, Visual, VisualGeometry,
+    VisualPart,
 };
 
 /// Mass of a body that moves and has none, as a share of what moves with it: too little to be felt. In joints that are
@@ -120,18 +120,21 @@ pub(super) fn convert(bodies: &Bodies<'_>, context: &Context<'_>, drives: &Drive
         };
         check_masks(body);
         let massless = ((share * load.mass).max(LEAST), Vector3::repeat((share * load.moment).max(LEAST)));
-        let planes = body.geoms.iter().enumerate().filter(|(_, geom)| geom.is_plane());
-        for (number, (place, plane)) in planes.enumerate() {
+        let apart = body.geoms.iter().enumerate().filter(|(_, geom)| geom.is_apart());
+        for (number, (place, geom)) in apart.enumerate() {
             // A body may be called as the geom is.
-            let own = plane.name.clone().filter(|name| !converted.body_names.0.contains(name));
-            let name = converted.body_names.give(own.unwrap_or_else(|| format!("{}_plane{number}", body.name)));
+            let own = geom.name.clone().filter(|name| !converted.body_names.0.contains(name));
+            let name = converted.body_names.give(own.unwrap_or_else(|| {
+                let kind = if geom.is_field() { "hfield" } else { "plane" };
+                format!("{}_{kind}{number}", body.name)
+            }));
             let filter = CollisionFilter {
-                kind: plane.text.contact,
-                affinity: plane.text.affinity,
+                kind: geom.text.contact,
+                affinity: geom.text.affinity,
                 included: included.remove(&(index, Some(place))).unwrap_or_default(),
                 ..filter.clone()
             };
-            converted.bodies.extend(plane_body(body, plane, &name, context, filter));
+            converted.bodies.extend(apart_body(body, geom, &name, context, filter));
         }
         let has_rest = together().next().is_some();
         // The world itself is a body where it has shapes, or joints hold on it.
@@ -215,33 +218,40 @@ fn check_masks(body: &Body<'_>) {
     }
 }
 
-/// A plane is a body of its own: nothing else is infinite.
-fn plane_body(
+/// A plane is a body of its own, since nothing else is infinite, and a height field, since nothing else has hollows.
+fn apart_body(
     body: &Body<'_>,
-    plane: &Geom<'_>,
+    geom: &Geom<'_>,
     name: &str,
     context: &Context<'_>,
     filter: CollisionFilter,
 ) -> Option<RigidBody> {
+    let what = if geom.is_field() { "height field" } else { "plane" };
     if !body.is_static {
-        let expected = "planes of bodies that stand still";
-        body.element.error(ProblemKind::Structure, "", "moves, and has a plane", expected, "the plane is left out");
+        let (found, expected) = (format!("moves, and has a {what}"), format!("{what}s of bodies that stand still"));
+        let action = format!("the {what} is left out");
+        body.element.error(ProblemKind::Structure, "", &found, &expected, &action);
         return None;
     }
-    let pose = body.in_world * plane.part.offset;
-    let normal = pose.rotation * Vector3::z();
-    let primitive = Primitive::Plane { normal, offset: normal.dot(&pose.translation.vector) };
+    let pose = body.in_world * geom.part.offset;
     let mut made = still(name, body, context);
-    if plane.collides() && context.options.has_contacts {
-        made.collision = CollisionGeometry::Primitive { primitive: primitive.clone(), offset: None };
-        made.surface = surface(std::iter::once(plane));
+    if geom.collides() && context.options.has_contacts {
+        made.collision = if geom.is_field() {
+            let parts = vec![Part { geometry: geom.part.geometry.clone(), offset: pose }];
+            CollisionGeometry::Parts { parts, kind: CollisionMeshKind::ConcaveMesh }
+        } else {
+            let normal = pose.rotation * Vector3::z();
+            let primitive = Primitive::Plane { normal, offset: normal.dot(&pose.translation.vector) };
+            CollisionGeometry::Primitive { primitive, offset: None }
+        };
+        made.surface = surface(std::iter::once(geom));
         made.collision_filter = Some(filter);
     }
-    if plane.is_drawn() {
-        // About its own middle: that of the description has its place.
-        let middle = Primitive::Plane { normal: Vector3::z(), offset: 0.0 };
-        let part = Part { geometry: PartGeometry::Primitive(middle), offset: pose };
-        made.visual.geometry = VisualGeometry::Parts(vec![VisualPart { part, material: plane.material.clone() }]);
+    if geom.is_drawn() {
+        // A plane about its own middle: that of the description has its place.
+        let part = Part { geometry: geom.part.geometry.clone(), offset: pose };
+        made.visual.geometry = VisualGeometry::Parts(vec![VisualPart { part, material: geom.material.clone() }]);
+        made.visual.remove_duplicates = geom.is_field();
     }
     Some(made)
 }

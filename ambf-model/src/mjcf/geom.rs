@@ -2,10 +2,11 @@
 
 use std::collections::HashMap;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::asset::{Assets, MeshAsset};
+use super::asset::Assets;
 use super::mass::{solid, Mass};
 use super::settings::{choice, finish, z_to, Compiler, BOOLEANS, POSE, SOFT};
 use crate::adf::{Axis, Material, Part, PartGeometry, Primitive, ProblemKind};
@@ -59,6 +60,7 @@ pub(super) struct GeomText<'a> {
     material: Option<&'a str>,
     rgba: Option<[f64; 4]>,
     mesh: Option<&'a str>,
+    field: Option<&'a str>,
 }
 
 impl Default for GeomText<'_> {
@@ -80,6 +82,7 @@ impl Default for GeomText<'_> {
             material: None,
             rgba: None,
             mesh: None,
+            field: None,
         }
     }
 }
@@ -143,6 +146,7 @@ impl<'a> GeomText<'a> {
         self.material = element.attribute("material").or(self.material);
         self.rgba = element.numbers("rgba").or(self.rgba);
         self.mesh = element.attribute("mesh").or(self.mesh);
+        self.field = element.attribute("hfield").or(self.field);
         for name in ["adhesion", "surfacevel"] {
             if element.attribute(name).is_some() {
                 element.ignored(name, "surfaces neither stick nor move here");
@@ -218,10 +222,10 @@ impl<'a> Geom<'a> {
             Kind::Cylinder => Some(Primitive::Cylinder { radius: x, height: 2.0 * y, axis }),
             Kind::Box => Some(Primitive::Box { size: 2.0 * Vector3::new(x, y, z) }),
             Kind::Ellipsoid => Some(Primitive::Ellipsoid { radii: Vector3::new(x, y, z) }),
-            Kind::Mesh => None,
-            Kind::HeightField | Kind::Distance => {
-                let expected = "plane, sphere, capsule, ellipsoid, cylinder, box or mesh";
-                let found = quoted(element.attribute("type").unwrap_or("hfield"));
+            Kind::Mesh | Kind::HeightField => None,
+            Kind::Distance => {
+                let expected = "plane, hfield, sphere, capsule, ellipsoid, cylinder, box or mesh";
+                let found = quoted(element.attribute("type").unwrap_or("sdf"));
                 element.error(ProblemKind::UnknownValue, "type", &found, expected, "the geom is left out");
                 return None;
             }
@@ -236,11 +240,15 @@ impl<'a> Geom<'a> {
                 let shape = solid(&primitive);
                 (PartGeometry::Primitive(primitive), shape)
             }
+            None if text.kind == Kind::HeightField && !is_fitted => {
+                let field = asset(&element, ("hfield", text.field), &assets.fields)?;
+                (PartGeometry::Triangles(Arc::clone(field)), None)
+            }
             None => {
-                let mesh = mesh_of(&element, &text, assets)?;
+                let mesh = asset(&element, ("mesh", text.mesh), &assets.meshes)?;
                 let shape = (needs_mass && text.mass != Some(0.0)).then(|| assets.volume(mesh)).flatten();
                 pose *= mesh.in_geom;
-                (PartGeometry::Mesh { path: mesh.path.clone(), scale: mesh.scale }, shape)
+                (mesh.geometry.clone(), shape)
             }
         };
         let part = Part { geometry, offset: outer * pose };
@@ -271,7 +279,12 @@ impl<'a> Geom<'a> {
 
     /// Whether it is a body of its own here.
     pub fn is_apart(&self) -> bool {
-        self.is_plane()
+        self.is_plane() || self.is_field()
+    }
+
+    /// Whether it is a height field.
+    pub fn is_field(&self) -> bool {
+        self.text.kind == Kind::HeightField && self.text.mesh.is_none()
     }
 
     pub fn is_plane(&self) -> bool {
@@ -279,23 +292,20 @@ impl<'a> Geom<'a> {
     }
 }
 
-fn mesh_of<'m>(element: &Element<'_>, text: &GeomText<'_>, assets: &'m Assets<'_>) -> Option<&'m MeshAsset> {
-    let name = text.mesh.unwrap_or_default();
-    let found = assets.meshes.get(name);
-    match found {
-        Some(Some(mesh)) => Some(mesh),
-        // Reported where it is defined.
-        Some(None) => None,
-        None => {
-            let expected = "the name of a mesh in `asset`";
-            element.error(ProblemKind::UnknownValue, "mesh", &quoted(name), expected, "the geom is left out");
-            None
-        }
+/// What an asset of a kind is made of; `None`, reported there or here, if there is none of use.
+fn asset<'m, T>(
+    element: &Element<'_>,
+    (key, name): (&'static str, Option<&str>),
+    all: &'m HashMap<String, Option<T>>,
+) -> Option<&'m T> {
+    let name = name.unwrap_or_default();
+    let found = all.get(name);
+    if found.is_none() {
+        let expected = format!("the name of a {key} in `asset`");
+        element.error(ProblemKind::UnknownValue, key, &quoted(name), &expected, "the geom is left out");
     }
+    found?.as_ref()
 }
-
-/// Files of meshes by name.
-pub(super) type Meshes = HashMap<String, Option<MeshAsset>>;
 
 /// A path as it may be written in MJCF.
 pub(super) fn mesh_path(file: &str, compiler: &Compiler, folder: &std::path::Path) -> PathBuf {

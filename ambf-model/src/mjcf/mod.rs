@@ -5,7 +5,7 @@
 //!
 //! ## Limitations
 //! * Constraints are hard: `solref`, `solimp` and their like have no effect.
-//! * Height fields, deformable bodies, spatial tendons, muscles, plugins and textures are left out, and reported.
+//! * Pictures of height fields, deformable bodies, spatial tendons, muscles, plugins and textures are left out, and reported.
 
 mod actuator;
 mod asset;
@@ -13,6 +13,7 @@ mod body;
 mod classes;
 mod contact;
 mod convert;
+mod field;
 mod geom;
 mod joint;
 mod keyframe;

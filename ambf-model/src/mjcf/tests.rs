@@ -595,6 +595,97 @@ fn bodies_in_bodies_without_end() {
     assert!(report.to_string().len() < 1000);
 }
 
+/// The corner of a cube: 1/6 m³ at scale 1, with its surface looking outwards.
+const CORNER: &str = "vertex='0 0 0 1 0 0 0 1 0 0 0 1' face='0 2 1 0 1 3 1 2 3 2 0 3'";
+
+#[test]
+fn meshes_whose_vertices_are_in_the_text() {
+    let text = |mesh: &str| {
+        format!(
+            "<mujoco><asset><mesh name='m' {mesh}/></asset>
+             <worldbody><body name='b'><freejoint/><geom type='mesh' mesh='m' pos='0 0 5'/></body></worldbody></mujoco>"
+        )
+    };
+    let model = clean(&text(&format!("{CORNER} scale='2 2 -2' refpos='1 0 0'")));
+    let b = body(&model, "b");
+    assert!((b.mass - 8000.0 / 6.0).abs() < 1e-9, "{}", b.mass);
+    let centre = b.inertial_offset.expect("given").translation.vector;
+    assert!((centre - Vector3::new(0.5 - 2.0, 0.5, 5.0 - 0.5)).norm() < 1e-12, "{centre}");
+    let CollisionGeometry::Parts { parts, .. } = &b.collision else { panic!("{:?}", b.collision) };
+    let PartGeometry::Triangles(mesh) = &parts[0].geometry else { panic!("{parts:?}") };
+    assert_eq!((mesh.vertex_count(), mesh.triangle_count()), (4, 4));
+    let surface = &mesh.sub_meshes[0];
+    assert_eq!(
+        crate::mesh::enclosed_volume(&surface.vertices, &surface.triangles).map(|v| (v * 6.0).round()),
+        Some(8.0)
+    );
+
+    let with_mass = |mesh: &str| text(mesh).replace("pos='0 0 5'", "mass='0'/><geom size='1'");
+    let (model, problems) = read(&with_mass("vertex='0 0 0 1 0 0 0 1 0 0 0 1'"));
+    assert!(problems.len() == 1 && problems[0].contains("it collides as the hull of its vertices"), "{problems:?}");
+    assert!(matches!(&body(&model, "b").collision, CollisionGeometry::Parts { parts, .. } if parts.len() == 2));
+    for (mesh, expected) in [
+        ("", "mesh m / vertex` is absent, as `file` is, expected three numbers each vertex, or a file"),
+        ("vertex='0 0'", "mesh m / vertex` is 2 numbers, expected three numbers each vertex"),
+        (
+            "vertex='0 0 0' face='0 0 1'",
+            "mesh m / face` is 3 numbers, expected three indices each triangle, from 0 to 0",
+        ),
+        ("vertex='0 0 0' face='0 -1 0'", "expected three indices each triangle"),
+        ("vertex='0 0 0' face='0 0.5 0'", "expected three indices each triangle"),
+        ("vertex='0 0 0' face='0 0'", "is 2 numbers, expected three indices each triangle"),
+    ] {
+        let (model, problems) = read(&with_mass(mesh));
+        assert!(problems.len() == 1 && problems[0].contains(expected), "{expected}: {problems:?}");
+        assert!(problems[0].contains("geoms that use the mesh are left out"), "{problems:?}");
+        assert!(matches!(&body(&model, "b").collision, CollisionGeometry::Parts { parts, .. } if parts.len() == 1));
+    }
+}
+
+#[test]
+fn height_fields_are_bodies_of_their_own() {
+    let text = |field: &str, rest: &str| {
+        format!(
+            "<mujoco><asset><hfield name='h' {field}/></asset><worldbody><geom name='box' type='box' size='1 1 1'/>
+               <body name='hill' pos='0 0 1'><geom type='hfield' hfield='h' pos='0 1 0' contype='2' rgba='0 1 0 1'/></body>{rest}</worldbody></mujoco>"
+        )
+    };
+    let size = "size='2 1 3 0.5'";
+    let model = clean(&text(&format!("nrow='2' ncol='3' elevation='1 2 3 4 5 7' {size}"), ""));
+    let field = body(&model, "hill_hfield0");
+    assert_eq!((field.mass, field.collision_filter.as_ref().map(|filter| filter.kind)), (0.0, Some(2)));
+    let CollisionGeometry::Parts { parts, kind } = &field.collision else { panic!("{:?}", field.collision) };
+    assert_eq!(*kind, crate::adf::CollisionMeshKind::ConcaveMesh, "not its hull");
+    assert_eq!(parts[0].offset.translation.vector, Vector3::new(0.0, 1.0, 1.0));
+    let PartGeometry::Triangles(mesh) = &parts[0].geometry else { panic!("{parts:?}") };
+    assert_eq!(mesh.sub_meshes[0].vertices[2], [2.0, -1.0, 3.0], "the first row of the text is that of the largest y");
+    assert!(matches!(&field.visual.geometry, VisualGeometry::Parts(drawn) if drawn[0].part == parts[0]));
+    assert_eq!(body(&model, "hill").collision, CollisionGeometry::None);
+    let flat = clean(&text(&format!("nrow='2' ncol='2' {size}"), ""));
+    assert!(flat.bodies.iter().any(|body| body.common.identifier == "BODY hill_hfield0"));
+
+    for (field, rest, expected) in [
+        (format!("nrow='2' ncol='3' elevation='1 2' {size}"), "", "hfield h / nrow` is 2 elevations, expected 2 times 3"),
+        (format!("nrow='1e9' ncol='1e9' {size}"), "", "is 1000000000 rows and 1000000000 columns, expected 2 or more"),
+        (size.to_owned(), "", "hfield h / nrow` is 0 rows and 0 columns"),
+        ("nrow='2' ncol='2' size='1 1 0 1'".to_owned(), "", "hfield h / size` is `1 1 0 1`, expected four lengths above 0"),
+        (format!("file='h.bin' {size}"), "", "hfield h / file` is a file that is not there, expected a height field"),
+        (
+            format!("nrow='2' ncol='2' {size}"),
+            "<body name='m'><freejoint/><geom size='1'/><geom type='hfield' hfield='h'/></body>",
+            "moves, and has a height field; the height field is left out",
+        ),
+        (
+            format!("nrow='2' ncol='2' {size}"),
+            "<geom type='hfield' hfield='g'/>",
+            "geom / hfield` is `g`, expected the name of a hfield in `asset`; the geom is left out",
+        ),
+    ] {
+        let (_, problems) = read(&text(&field, rest));
+        assert!(problems.len() == 1 && problems[0].contains(expected), "{expected}: {problems:?}");
+    }
+}
+
 /// Numbers are in the order of the joints in the file: a body, then what hangs on it.
 #[test]
 fn keyframes_are_states_of_joints_and_free_bodies() {
