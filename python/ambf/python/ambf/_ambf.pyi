@@ -190,7 +190,11 @@ class World:
         self,
     ) -> List[
         Tuple[
-            str, List[Tuple[int, float]], List[Tuple[int, float]], List[Tuple[int, List[float]]], List[Tuple[int, List[float]]]
+            str,
+            List[Tuple[int, float]],
+            List[Tuple[int, float]],
+            List[Tuple[int, List[float]]],
+            List[Tuple[int, List[float]]],
         ]
     ]: ...
     def save(self) -> State: ...

@@ -240,16 +240,21 @@ class Simulation(Arrays):
         `set_state(**sim.keyframes["home"])`. Those of the same name in several models are one.
         """
         made: Dict[str, Dict[str, Array]] = {}
-        for name, *rows in self._world.keyframes:
+        for name, positions, velocities, poses, twists in self._world.keyframes:
             state = made[name] = {
                 "joint_positions": np.full(len(self.joints), np.nan),
                 "joint_velocities": np.full(len(self.joints), np.nan),
                 "poses": np.full((len(self.bodies), 7), np.nan),
                 "twists": np.full((len(self.bodies), 6), np.nan),
             }
-            for array, values in zip(state.values(), rows):
-                for index, value in values:
-                    array[index] = value
+            for index, number in positions:
+                state["joint_positions"][index] = number
+            for index, number in velocities:
+                state["joint_velocities"][index] = number
+            for index, numbers in poses:
+                state["poses"][index] = numbers
+            for index, numbers in twists:
+                state["twists"][index] = numbers
         return made
 
     def _read_parameters(self) -> None:
