@@ -9,7 +9,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use super::classes::Classes;
-use super::field::Field;
+use super::field::{Field, Unusable};
 use super::geom::mesh_path;
 use super::mass::{of_mesh, Mass, MeshVolume};
 use super::settings::{choice, finish, Compiler};
@@ -238,7 +238,10 @@ impl<'a> Assets<'a> {
         let name = name_of(element, file);
         let left_out = "geoms that use the height field are left out";
         let field = match file {
-            Some(_) if self.surroundings == Surroundings::Nothing => Err("a file that is not there".to_owned()),
+            Some(_) if self.surroundings == Surroundings::Nothing => {
+                let (found, expected) = ("a file that is not there".to_owned(), "a file".to_owned());
+                Err(Unusable { found, expected })
+            }
             Some(file) => {
                 let path = mesh_path(file, compiler, folder);
                 self.read.borrow_mut().add(&path);
@@ -257,9 +260,9 @@ impl<'a> Assets<'a> {
         let size: Option<[f64; 4]> = element.numbers("size");
         let mesh = match (field, size.filter(|size| size.iter().all(|length| *length > 0.0))) {
             (Ok(field), Some(size)) => Some(Arc::new(field.mesh(size))),
-            (Err(found), _) => {
-                let (key, expected) = (if file.is_some() { "file" } else { "nrow" }, "a height field");
-                element.error(ProblemKind::OutOfRange, key, &found, expected, left_out);
+            (Err(Unusable { found, expected }), _) => {
+                let key = if file.is_some() { "file" } else { "nrow" };
+                element.error(ProblemKind::OutOfRange, key, &found, &expected, left_out);
                 None
             }
             (_, None) => {
@@ -324,14 +327,14 @@ fn inline(element: &Element<'_>, text: &MeshText) -> Result<PartGeometry, (&'sta
     let vertices = element.numbers_in("vertex", 0..=usize::MAX).unwrap_or_default();
     let numbers = element.numbers_in("face", 0..=usize::MAX).unwrap_or_default();
     let vectors: Vec<[f64; 3]> = vertices.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect();
-    if vectors.is_empty() || vertices.len() % 3 != 0 {
+    if vectors.is_empty() || !vertices.len().is_multiple_of(3) {
         let found =
             if vertices.is_empty() { "absent, as `file` is".to_owned() } else { format!("{} numbers", vertices.len()) };
         return Err(("vertex", found, "three numbers each vertex, or a file".to_owned()));
     }
     let triangles: Vec<[usize; 3]> = numbers.chunks_exact(3).map(|t| [t[0], t[1], t[2]].map(|n| n as usize)).collect();
     let is_index = |number: &f64| *number >= 0.0 && *number < vectors.len() as f64 && number.fract() == 0.0;
-    if numbers.len() % 3 != 0 || !numbers.iter().all(is_index) {
+    if !numbers.len().is_multiple_of(3) || !numbers.iter().all(is_index) {
         let expected = format!("three indices each triangle, from 0 to {}", vectors.len() - 1);
         return Err(("face", format!("{} numbers", numbers.len()), expected));
     }

@@ -1,6 +1,9 @@
 //! Height fields: elevations over a rectangle.
 
+use std::io::Cursor;
 use std::path::Path;
+
+use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 
 use crate::files;
 use crate::mesh::{Mesh, SubMesh, MAX_TRIANGLES};
@@ -14,16 +17,22 @@ pub(super) struct Field {
     elevations: Vec<f64>,
 }
 
+/// What a height field is that is none, and what was expected.
+#[derive(Debug)]
+pub(super) struct Unusable {
+    pub found: String,
+    pub expected: String,
+}
+
 impl Field {
-    /// An error is the reason why it cannot be.
-    pub fn new(rows: usize, columns: usize, elevations: Vec<f64>) -> Result<Self, String> {
+    pub fn new(rows: usize, columns: usize, elevations: Vec<f64>) -> Result<Self, Unusable> {
         Self::check_size(rows as u64, columns as u64)?;
         let wanted = rows * columns;
         if elevations.len() != wanted {
-            return Err(format!("{} elevations, expected {rows} times {columns}", elevations.len()));
+            return unusable(format!("{} elevations", elevations.len()), format!("{rows} times {columns}"));
         }
         if let Some(elevation) = elevations.iter().find(|elevation| !elevation.is_finite()) {
-            return Err(format!("an elevation is {elevation}, expected finite numbers"));
+            return unusable(format!("with an elevation of {elevation}"), "finite numbers".to_owned());
         }
         let (low, high) = elevations.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &elevation| {
             (elevation.min(low), elevation.max(high))
@@ -37,26 +46,66 @@ impl Field {
     }
 
     /// Without elevations.
-    pub fn flat(rows: usize, columns: usize) -> Result<Self, String> {
+    pub fn flat(rows: usize, columns: usize) -> Result<Self, Unusable> {
         Self::check_size(rows as u64, columns as u64)?;
         Self::new(rows, columns, vec![0.0; rows * columns])
     }
 
-    /// That of a text, whose first row is that of the largest y.
-    pub fn of_text(rows: usize, columns: usize, elevations: &[f64]) -> Result<Self, String> {
+    /// Of rows of which the first is that of the largest y.
+    pub fn of_text(rows: usize, columns: usize, elevations: &[f64]) -> Result<Self, Unusable> {
         Self::check_size(rows as u64, columns as u64)?;
         Self::new(rows, columns, elevations.chunks(columns).rev().flatten().copied().collect())
     }
 
-    /// That of a file in MuJoCo's binary format: numbers of rows and columns, then elevations, little-endian.
-    pub fn load(path: &Path) -> Result<Self, String> {
+    /// That of a PNG picture, whose first row is that of the largest y, or of a file in MuJoCo's binary format: numbers of rows and
+    /// columns, then elevations, little-endian.
+    pub fn load(path: &Path) -> Result<Self, Unusable> {
         // The header, four bytes each elevation, and a byte by which a longer file is told.
         const MOST_BYTES: u64 = 8 + 4 * MAX_TRIANGLES as u64;
-        let bytes = files::read(path, MOST_BYTES).map_err(|error| format!("it cannot be read: {error}"))?;
+        let bytes = files::read(path, MOST_BYTES)
+            .or_else(|error| unusable(format!("not readable: {error}"), "a PNG picture or a binary file".to_owned()))?;
         Self::parse(&bytes)
     }
 
-    fn parse(bytes: &[u8]) -> Result<Self, String> {
+    fn parse(bytes: &[u8]) -> Result<Self, Unusable> {
+        match image::guess_format(bytes) {
+            Ok(ImageFormat::Png) => Self::of_picture(bytes),
+            _ => Self::of_binary(bytes),
+        }
+    }
+
+    fn of_picture(bytes: &[u8]) -> Result<Self, Unusable> {
+        let failed = |error: ImageError| {
+            let what: String = error.to_string().trim().chars().take(200).collect();
+            let found = format!("a picture that cannot be read: {}", what.escape_debug());
+            Unusable { found, expected: "a PNG picture".to_owned() }
+        };
+        let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
+        let mut limits = Limits::default();
+        // Four channels of two bytes.
+        limits.max_alloc = Some(8 * MAX_TRIANGLES as u64);
+        reader.limits(limits);
+        let decoder = reader.into_decoder().map_err(failed)?;
+        let (columns, rows) = decoder.dimensions();
+        Self::check_size(u64::from(rows), u64::from(columns))?;
+        // The first channel of 8 bits, as in MuJoCo.
+        let elevations: Vec<f64> = match DynamicImage::from_decoder(decoder).map_err(failed)? {
+            DynamicImage::ImageLuma16(picture) => {
+                picture.pixels().map(|pixel| pixel.0[0] >> 8).map(f64::from).collect()
+            }
+            DynamicImage::ImageLumaA16(picture) => {
+                picture.pixels().map(|pixel| pixel.0[0] >> 8).map(f64::from).collect()
+            }
+            DynamicImage::ImageRgb16(picture) => picture.pixels().map(|pixel| pixel.0[0] >> 8).map(f64::from).collect(),
+            DynamicImage::ImageRgba16(picture) => {
+                picture.pixels().map(|pixel| pixel.0[0] >> 8).map(f64::from).collect()
+            }
+            picture => picture.into_rgb8().pixels().map(|pixel| f64::from(pixel.0[0])).collect(),
+        };
+        Self::of_text(rows as usize, columns as usize, &elevations)
+    }
+
+    fn of_binary(bytes: &[u8]) -> Result<Self, Unusable> {
         let mut words = bytes.chunks_exact(4).map(|word| [word[0], word[1], word[2], word[3]]);
         let mut count = || words.next().map_or(0, i32::from_le_bytes);
         let (rows, columns) = (count(), count());
@@ -64,24 +113,20 @@ impl Field {
         Self::check_size(rows, columns)?;
         let announced = 8 + 4 * rows * columns;
         if bytes.len() as u64 != announced {
-            let length = bytes.len();
-            return Err(format!(
-                "a file of {length} bytes, expected {announced} with {rows} rows and {columns} columns"
-            ));
+            let found = format!("a file of {} bytes", bytes.len());
+            return unusable(found, format!("{announced} with {rows} rows and {columns} columns"));
         }
         let elevations = words.map(|word| f64::from(f32::from_le_bytes(word))).collect();
         Self::new(rows as usize, columns as usize, elevations)
     }
 
-    fn check_size(rows: u64, columns: u64) -> Result<(), String> {
+    fn check_size(rows: u64, columns: u64) -> Result<(), Unusable> {
         let cells = rows.saturating_sub(1).saturating_mul(columns.saturating_sub(1));
         // Two triangles a cell, three for each part of the rim.
         let triangles = cells.saturating_mul(2).saturating_add(rows.saturating_add(columns).saturating_mul(6));
         if cells == 0 || triangles > MAX_TRIANGLES as u64 {
-            let most = MAX_TRIANGLES;
-            return Err(format!(
-                "{rows} rows and {columns} columns, expected 2 or more and less than {most} triangles"
-            ));
+            let found = format!("of {rows} rows and {columns} columns");
+            return unusable(found, format!("2 or more and less than {MAX_TRIANGLES} triangles"));
         }
         Ok(())
     }
@@ -125,12 +170,21 @@ impl Field {
     }
 }
 
+fn unusable<T>(found: String, expected: String) -> Result<T, Unusable> {
+    Err(Unusable { found, expected })
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::Vector3;
 
     use super::*;
     use crate::mesh::enclosed_volume;
+
+    fn refused(field: Result<Field, Unusable>) -> String {
+        let Unusable { found, expected } = field.unwrap_err();
+        format!("{found}, expected {expected}")
+    }
 
     fn field() -> Field {
         Field::of_text(2, 3, &[1.0, 2.0, 3.0, 4.0, 5.0, 7.0]).unwrap()
@@ -197,6 +251,30 @@ mod tests {
         assert!((signed - expected).abs() < 1e-12, "{signed}");
     }
 
+    /// As MuJoCo 4.0.0 reads the same files.
+    #[test]
+    fn pictures() {
+        let png = |picture: DynamicImage| {
+            let mut bytes = Cursor::new(Vec::new());
+            picture.write_to(&mut bytes, ImageFormat::Png).unwrap();
+            bytes.into_inner()
+        };
+        let colours = vec![10, 200, 30, 20, 0, 0, 60, 0, 0, 0, 0, 0, 110, 5, 5, 7, 7, 7];
+        let coloured = png(DynamicImage::ImageRgb8(image::RgbImage::from_raw(3, 2, colours).unwrap()));
+        let expected = [0.0, 110.0, 7.0, 10.0, 20.0, 60.0].map(|red: f64| red / 110.0);
+        assert_eq!(Field::parse(&coloured).unwrap().elevations, expected);
+        let depths = vec![0x10ff, 0x2000, 0x3080, 0x0090, 0x507f, 0x4000];
+        let deep = png(DynamicImage::ImageLuma16(image::ImageBuffer::from_raw(3, 2, depths).unwrap()));
+        let expected = [0.0, 80.0, 64.0, 16.0, 32.0, 48.0].map(|byte: f64| byte / 80.0);
+        assert_eq!(Field::parse(&deep).unwrap().elevations, expected);
+        let line = png(DynamicImage::new_luma8(3, 1));
+        assert!(refused(Field::parse(&line)).contains("1 rows and 3 columns"));
+        let large = png(DynamicImage::new_luma8(4000, 4000));
+        assert!(refused(Field::parse(&large)).contains("less than 10000000 triangles"));
+        let broken = refused(Field::parse(&coloured[..40]));
+        assert!(broken.contains("a picture that cannot be read"), "{broken}");
+    }
+
     #[test]
     fn binary_files() {
         let file = |rows: i32, columns: i32, elevations: &[f32]| -> Vec<u8> {
@@ -217,12 +295,12 @@ mod tests {
             ),
             (file(2, 3, &[0.0; 5]), "a file of 28 bytes, expected 32 with 2 rows and 3 columns"),
             (file(2, 3, &[0.0; 7]), "a file of 36 bytes"),
-            (file(2, 2, &[0.0, 1.0, f32::NAN, 2.0]), "an elevation is NaN, expected finite numbers"),
+            (file(2, 2, &[0.0, 1.0, f32::NAN, 2.0]), "with an elevation of NaN, expected finite numbers"),
         ] {
-            let problem = Field::parse(&bytes).unwrap_err();
+            let problem = refused(Field::parse(&bytes));
             assert!(problem.contains(expected), "{expected}: {problem}");
         }
-        assert!(Field::of_text(2, 3, &[0.0; 7]).unwrap_err().contains("7 elevations, expected 2 times 3"));
-        assert!(Field::flat(100_000, 100_000).unwrap_err().contains("less than 10000000 triangles"));
+        assert!(refused(Field::of_text(2, 3, &[0.0; 7])).contains("7 elevations, expected 2 times 3"));
+        assert!(refused(Field::flat(100_000, 100_000)).contains("less than 10000000 triangles"));
     }
 }

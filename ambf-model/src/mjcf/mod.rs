@@ -5,7 +5,7 @@
 //!
 //! ## Limitations
 //! * Constraints are hard: `solref`, `solimp` and their like have no effect.
-//! * Pictures of height fields, deformable bodies, spatial tendons, muscles, plugins and textures are left out, and reported.
+//! * Deformable bodies, spatial tendons, muscles, plugins and textures are left out, and reported.
 
 mod actuator;
 mod asset;

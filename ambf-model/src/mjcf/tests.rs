@@ -665,11 +665,27 @@ fn height_fields_are_bodies_of_their_own() {
     assert!(flat.bodies.iter().any(|body| body.common.identifier == "BODY hill_hfield0"));
 
     for (field, rest, expected) in [
-        (format!("nrow='2' ncol='3' elevation='1 2' {size}"), "", "hfield h / nrow` is 2 elevations, expected 2 times 3"),
-        (format!("nrow='1e9' ncol='1e9' {size}"), "", "is 1000000000 rows and 1000000000 columns, expected 2 or more"),
-        (size.to_owned(), "", "hfield h / nrow` is 0 rows and 0 columns"),
-        ("nrow='2' ncol='2' size='1 1 0 1'".to_owned(), "", "hfield h / size` is `1 1 0 1`, expected four lengths above 0"),
-        (format!("file='h.bin' {size}"), "", "hfield h / file` is a file that is not there, expected a height field"),
+        (
+            format!("nrow='2' ncol='3' elevation='1 2' {size}"),
+            "",
+            "hfield h / nrow` is 2 elevations, expected 2 times 3",
+        ),
+        (
+            format!("nrow='1e9' ncol='1e9' {size}"),
+            "",
+            "is of 1000000000 rows and 1000000000 columns, expected 2 or more",
+        ),
+        (size.to_owned(), "", "hfield h / nrow` is of 0 rows and 0 columns"),
+        (
+            "nrow='2' ncol='2' size='1 1 0 1'".to_owned(),
+            "",
+            "hfield h / size` is `1 1 0 1`, expected four lengths above 0",
+        ),
+        (
+            format!("file='h.bin' {size}"),
+            "",
+            "hfield h / file` is a file that is not there, expected a file; geoms that use",
+        ),
         (
             format!("nrow='2' ncol='2' {size}"),
             "<body name='m'><freejoint/><geom size='1'/><geom type='hfield' hfield='h'/></body>",
