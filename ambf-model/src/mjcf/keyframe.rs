@@ -9,7 +9,7 @@ use super::convert::{body_identifier, joint_identifier};
 use super::joint::{Joint, Kind};
 use super::settings::finish;
 use super::source::Source;
-use crate::adf::{Keyframe, Model, ProblemKind};
+use crate::adf::{Keyframe, Limits, Model, ProblemKind};
 use crate::xml::Element;
 
 /// A joint of the file as one of the model.
@@ -17,6 +17,8 @@ struct Coordinate<'b, 'a> {
     joint: &'b Joint<'a>,
     /// Where its joint stands in the model's list, or its body, if it is free. `None`: it was left out.
     index: Option<usize>,
+    /// rad or m.
+    limits: Option<Limits>,
     /// Where the body stands as it is written.
     start: Isometry3<f64>,
     /// Centre of mass in the body's frame, m.
@@ -31,6 +33,17 @@ impl Coordinate<'_, '_> {
             Kind::Ball => [4, 3],
             Kind::Slide | Kind::Hinge => [1, 1],
         }
+    }
+
+    /// A position within the limits, which are hard here.
+    fn within(&self, position: f64, element: &Element<'_>) -> f64 {
+        let Some(Limits { low, high }) = self.limits else { return position };
+        if !(low..=high).contains(&position) {
+            let found = format!("{position} for {}", self.joint.name);
+            let expected = format!("its limits, {low} to {high}");
+            element.warn(ProblemKind::OutOfRange, "qpos", &found, &expected, "the nearest one is used");
+        }
+        position.clamp(low, high)
     }
 }
 
@@ -52,12 +65,15 @@ pub(super) fn read<'a>(
         .map(|(body, joint)| {
             let own = made.get(body_identifier(&body.name).as_str()).copied();
             let centre = own.and_then(|index| model.bodies[index].inertial_offset);
+            let index = match joint.kind {
+                Kind::Free => own,
+                _ => joints.get(joint_identifier(&joint.name).as_str()).copied(),
+            };
+            let limits = index.filter(|_| joint.has_coordinate()).and_then(|index| model.joints[index].limits);
             Coordinate {
                 joint,
-                index: match joint.kind {
-                    Kind::Free => own,
-                    _ => joints.get(joint_identifier(&joint.name).as_str()).copied(),
-                },
+                index,
+                limits: limits.filter(|limits| limits.low <= limits.high),
                 start: body.in_world,
                 centre: centre.unwrap_or_default().translation.vector,
             }
@@ -109,7 +125,7 @@ fn key(element: &Element<'_>, name: String, coordinates: &[Coordinate<'_, '_>]) 
         let Some(index) = coordinate.index else { continue };
         match coordinate.joint.kind {
             Kind::Hinge | Kind::Slide => {
-                frame.positions.extend(own.map(|own| (index, own[0])));
+                frame.positions.extend(own.map(|own| (index, coordinate.within(own[0], element))));
                 frame.rates.extend(rates.map(|rates| (index, rates[0])));
             }
             Kind::Free => {
