@@ -1,7 +1,7 @@
 //! Section `asset`: meshes, height fields and materials.
 
 use std::borrow::Cow;
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use super::mass::{of_mesh, Mass, MeshVolume};
 use super::settings::{choice, finish, Compiler};
 use super::source::{Source, Surroundings};
 use crate::adf::{Material, PartGeometry, PhysicalMaterial, ProblemKind};
-use crate::mesh::{self, Mesh, Sources};
+use crate::mesh::{self, Mesh, Sources, MAX_TRIANGLES};
 use crate::xml::{quoted, Element};
 
 /// A mesh of the assets.
@@ -140,9 +140,12 @@ impl MeshText {
 /// Meshes, height fields and materials by name.
 pub(super) struct Assets<'a> {
     /// `None`: reported.
-    pub meshes: HashMap<String, Option<MeshAsset>>,
+    meshes: HashMap<String, Option<MeshAsset>>,
     /// `None`: reported.
-    pub fields: HashMap<String, Option<Arc<Mesh>>>,
+    fields: HashMap<String, Option<Arc<Mesh>>>,
+    /// Triangles that further height fields may have, and further geoms that use them: a few letters ask for millions.
+    field_triangles: usize,
+    geom_triangles: Cell<usize>,
     materials: HashMap<&'a str, MaterialText>,
     surroundings: Surroundings,
     /// What is known of files that were read.
@@ -163,6 +166,8 @@ impl<'a> Assets<'a> {
         let mut assets = Self {
             meshes: HashMap::new(),
             fields: HashMap::new(),
+            field_triangles: MAX_TRIANGLES,
+            geom_triangles: Cell::new(MAX_TRIANGLES),
             materials: HashMap::new(),
             surroundings,
             volumes: RefCell::default(),
@@ -237,6 +242,7 @@ impl<'a> Assets<'a> {
         let file = element.attribute("file");
         let name = name_of(element, file);
         let left_out = "geoms that use the height field are left out";
+        let most = self.field_triangles;
         let field = match file {
             Some(_) if self.surroundings == Surroundings::Nothing => {
                 let (found, expected) = ("a file that is not there".to_owned(), "a file".to_owned());
@@ -245,21 +251,25 @@ impl<'a> Assets<'a> {
             Some(file) => {
                 let path = mesh_path(file, compiler, folder);
                 self.read.borrow_mut().add(&path);
-                Field::load(&path)
+                Field::load(&path, most)
             }
             None => {
                 // Larger ones are refused as fields.
                 let count = |name: &'static str| element.real(name).map_or(0, |count| count.clamp(0.0, 1e9) as usize);
                 let (rows, columns) = (count("nrow"), count("ncol"));
                 match element.numbers_in("elevation", 0..=usize::MAX) {
-                    Some(elevations) => Field::of_text(rows, columns, &elevations),
-                    None => Field::flat(rows, columns),
+                    Some(elevations) => Field::of_text(rows, columns, &elevations, most),
+                    None => Field::flat(rows, columns, most),
                 }
             }
         };
         let size: Option<[f64; 4]> = element.numbers("size");
         let mesh = match (field, size.filter(|size| size.iter().all(|length| *length > 0.0))) {
-            (Ok(field), Some(size)) => Some(Arc::new(field.mesh(size))),
+            (Ok(field), Some(size)) => {
+                let mesh = field.mesh(size);
+                self.field_triangles = most.saturating_sub(mesh.triangle_count());
+                Some(Arc::new(mesh))
+            }
             (Err(Unusable { found, expected }), _) => {
                 let key = if file.is_some() { "file" } else { "nrow" };
                 element.error(ProblemKind::OutOfRange, key, &found, &expected, left_out);
@@ -272,6 +282,23 @@ impl<'a> Assets<'a> {
             }
         };
         self.fields.insert(name, mesh);
+    }
+
+    /// The height field of a geom; `None`: reported.
+    pub fn field(&self, element: &Element<'a>, name: Option<&str>) -> Option<Arc<Mesh>> {
+        let field = asset(element, ("hfield", name), &self.fields)?;
+        let Some(left) = self.geom_triangles.get().checked_sub(field.triangle_count()) else {
+            let (found, expected) = ("one height field too many", format!("{MAX_TRIANGLES} triangles of all of them"));
+            element.error(ProblemKind::OutOfRange, "hfield", found, &expected, "the geom is left out");
+            return None;
+        };
+        self.geom_triangles.set(left);
+        Some(Arc::clone(field))
+    }
+
+    /// The mesh of a geom; `None`: reported.
+    pub fn mesh(&self, element: &Element<'a>, name: Option<&str>) -> Option<&MeshAsset> {
+        asset(element, ("mesh", name), &self.meshes)
     }
 
     /// Volume and inertia at density 1 of a mesh, in the frame of its file; `None` where the file is of no use, which is
@@ -311,6 +338,21 @@ impl<'a> Assets<'a> {
         text.rgba = rgba.unwrap_or(text.rgba);
         Some(text.material())
     }
+}
+
+/// What an asset of a kind is made of; `None`, reported there or here, if there is none of use.
+fn asset<'m, T>(
+    element: &Element<'_>,
+    (key, name): (&'static str, Option<&str>),
+    all: &'m HashMap<String, Option<T>>,
+) -> Option<&'m T> {
+    let name = name.unwrap_or_default();
+    let found = all.get(name);
+    if found.is_none() {
+        let expected = format!("the name of a {key} in `asset`");
+        element.error(ProblemKind::UnknownValue, key, &quoted(name), &expected, "the geom is left out");
+    }
+    found?.as_ref()
 }
 
 /// The name of an asset: its own, or that of its file.

@@ -25,8 +25,8 @@ pub(super) struct Unusable {
 }
 
 impl Field {
-    pub fn new(rows: usize, columns: usize, elevations: Vec<f64>) -> Result<Self, Unusable> {
-        Self::check_size(rows as u64, columns as u64)?;
+    /// Of as many rows and columns as were checked.
+    fn new(rows: usize, columns: usize, elevations: Vec<f64>) -> Result<Self, Unusable> {
         let wanted = rows * columns;
         if elevations.len() != wanted {
             return unusable(format!("{} elevations", elevations.len()), format!("{rows} times {columns}"));
@@ -45,36 +45,35 @@ impl Field {
         })
     }
 
-    /// Without elevations.
-    pub fn flat(rows: usize, columns: usize) -> Result<Self, Unusable> {
-        Self::check_size(rows as u64, columns as u64)?;
+    /// Without elevations; `most`: triangles, as below.
+    pub fn flat(rows: usize, columns: usize, most: usize) -> Result<Self, Unusable> {
+        Self::check_size(rows as u64, columns as u64, most)?;
         Self::new(rows, columns, vec![0.0; rows * columns])
     }
 
     /// Of rows of which the first is that of the largest y.
-    pub fn of_text(rows: usize, columns: usize, elevations: &[f64]) -> Result<Self, Unusable> {
-        Self::check_size(rows as u64, columns as u64)?;
+    pub fn of_text(rows: usize, columns: usize, elevations: &[f64], most: usize) -> Result<Self, Unusable> {
+        Self::check_size(rows as u64, columns as u64, most)?;
         Self::new(rows, columns, elevations.chunks(columns).rev().flatten().copied().collect())
     }
 
     /// That of a PNG picture, whose first row is that of the largest y, or of a file in MuJoCo's binary format: numbers of rows and
     /// columns, then elevations, little-endian.
-    pub fn load(path: &Path) -> Result<Self, Unusable> {
-        // The header, four bytes each elevation, and a byte by which a longer file is told.
-        const MOST_BYTES: u64 = 8 + 4 * MAX_TRIANGLES as u64;
-        let bytes = files::read(path, MOST_BYTES)
+    pub fn load(path: &Path, most: usize) -> Result<Self, Unusable> {
+        // The header, and four bytes each elevation: there are fewer than triangles.
+        let bytes = files::read(path, 8 + 4 * most as u64)
             .or_else(|error| unusable(format!("not readable: {error}"), "a PNG picture or a binary file".to_owned()))?;
-        Self::parse(&bytes)
+        Self::parse(&bytes, most)
     }
 
-    fn parse(bytes: &[u8]) -> Result<Self, Unusable> {
+    fn parse(bytes: &[u8], most: usize) -> Result<Self, Unusable> {
         match image::guess_format(bytes) {
-            Ok(ImageFormat::Png) => Self::of_picture(bytes),
-            _ => Self::of_binary(bytes),
+            Ok(ImageFormat::Png) => Self::of_picture(bytes, most),
+            _ => Self::of_binary(bytes, most),
         }
     }
 
-    fn of_picture(bytes: &[u8]) -> Result<Self, Unusable> {
+    fn of_picture(bytes: &[u8], most: usize) -> Result<Self, Unusable> {
         let failed = |error: ImageError| {
             let what: String = error.to_string().trim().chars().take(200).collect();
             let found = format!("a picture that cannot be read: {}", what.escape_debug());
@@ -87,7 +86,7 @@ impl Field {
         reader.limits(limits);
         let decoder = reader.into_decoder().map_err(failed)?;
         let (columns, rows) = decoder.dimensions();
-        Self::check_size(u64::from(rows), u64::from(columns))?;
+        Self::check_size(u64::from(rows), u64::from(columns), most)?;
         // The first channel of 8 bits, as in MuJoCo.
         let elevations: Vec<f64> = match DynamicImage::from_decoder(decoder).map_err(failed)? {
             DynamicImage::ImageLuma16(picture) => {
@@ -102,15 +101,15 @@ impl Field {
             }
             picture => picture.into_rgb8().pixels().map(|pixel| f64::from(pixel.0[0])).collect(),
         };
-        Self::of_text(rows as usize, columns as usize, &elevations)
+        Self::of_text(rows as usize, columns as usize, &elevations, most)
     }
 
-    fn of_binary(bytes: &[u8]) -> Result<Self, Unusable> {
+    fn of_binary(bytes: &[u8], most: usize) -> Result<Self, Unusable> {
         let mut words = bytes.chunks_exact(4).map(|word| [word[0], word[1], word[2], word[3]]);
         let mut count = || words.next().map_or(0, i32::from_le_bytes);
         let (rows, columns) = (count(), count());
         let [rows, columns] = [rows, columns].map(|count| u64::try_from(count).unwrap_or(0));
-        Self::check_size(rows, columns)?;
+        Self::check_size(rows, columns, most)?;
         let announced = 8 + 4 * rows * columns;
         if bytes.len() as u64 != announced {
             let found = format!("a file of {} bytes", bytes.len());
@@ -120,13 +119,14 @@ impl Field {
         Self::new(rows as usize, columns as usize, elevations)
     }
 
-    fn check_size(rows: u64, columns: u64) -> Result<(), Unusable> {
+    fn check_size(rows: u64, columns: u64, most: usize) -> Result<(), Unusable> {
         let cells = rows.saturating_sub(1).saturating_mul(columns.saturating_sub(1));
         // Two triangles a cell, three for each part of the rim.
         let triangles = cells.saturating_mul(2).saturating_add(rows.saturating_add(columns).saturating_mul(6));
-        if cells == 0 || triangles > MAX_TRIANGLES as u64 {
+        if cells == 0 || triangles > most as u64 {
             let found = format!("of {rows} rows and {columns} columns");
-            return unusable(found, format!("2 or more and less than {MAX_TRIANGLES} triangles"));
+            let expected = format!("2 or more, and {most} triangles at most: {MAX_TRIANGLES} of all height fields");
+            return unusable(found, expected);
         }
         Ok(())
     }
@@ -187,7 +187,7 @@ mod tests {
     }
 
     fn field() -> Field {
-        Field::of_text(2, 3, &[1.0, 2.0, 3.0, 4.0, 5.0, 7.0]).unwrap()
+        Field::of_text(2, 3, &[1.0, 2.0, 3.0, 4.0, 5.0, 7.0], MAX_TRIANGLES).unwrap()
     }
 
     /// Height of the surface at a place.
@@ -262,16 +262,16 @@ mod tests {
         let colours = vec![10, 200, 30, 20, 0, 0, 60, 0, 0, 0, 0, 0, 110, 5, 5, 7, 7, 7];
         let coloured = png(DynamicImage::ImageRgb8(image::RgbImage::from_raw(3, 2, colours).unwrap()));
         let expected = [0.0, 110.0, 7.0, 10.0, 20.0, 60.0].map(|red: f64| red / 110.0);
-        assert_eq!(Field::parse(&coloured).unwrap().elevations, expected);
+        assert_eq!(Field::parse(&coloured, MAX_TRIANGLES).unwrap().elevations, expected);
         let depths = vec![0x10ff, 0x2000, 0x3080, 0x0090, 0x507f, 0x4000];
         let deep = png(DynamicImage::ImageLuma16(image::ImageBuffer::from_raw(3, 2, depths).unwrap()));
         let expected = [0.0, 80.0, 64.0, 16.0, 32.0, 48.0].map(|byte: f64| byte / 80.0);
-        assert_eq!(Field::parse(&deep).unwrap().elevations, expected);
+        assert_eq!(Field::parse(&deep, MAX_TRIANGLES).unwrap().elevations, expected);
         let line = png(DynamicImage::new_luma8(3, 1));
-        assert!(refused(Field::parse(&line)).contains("1 rows and 3 columns"));
+        assert!(refused(Field::parse(&line, MAX_TRIANGLES)).contains("1 rows and 3 columns"));
         let large = png(DynamicImage::new_luma8(4000, 4000));
-        assert!(refused(Field::parse(&large)).contains("less than 10000000 triangles"));
-        let broken = refused(Field::parse(&coloured[..40]));
+        assert!(refused(Field::parse(&large, MAX_TRIANGLES)).contains("10000000 triangles at most"));
+        let broken = refused(Field::parse(&coloured[..40], MAX_TRIANGLES));
         assert!(broken.contains("a picture that cannot be read"), "{broken}");
     }
 
@@ -282,25 +282,25 @@ mod tests {
             let elevations: Vec<u8> = elevations.iter().flat_map(|elevation| elevation.to_le_bytes()).collect();
             [counts.as_flattened(), &elevations].concat()
         };
-        let from_file = Field::parse(&file(2, 3, &[4.0, 5.0, 7.0, 1.0, 2.0, 3.0])).unwrap();
+        let from_file = Field::parse(&file(2, 3, &[4.0, 5.0, 7.0, 1.0, 2.0, 3.0]), MAX_TRIANGLES).unwrap();
         assert_eq!(from_file, field(), "its first row is that of the smallest y");
-        assert_eq!(Field::flat(3, 2).unwrap().elevations, [0.0; 6]);
+        assert_eq!(Field::flat(3, 2, MAX_TRIANGLES).unwrap().elevations, [0.0; 6]);
         for (bytes, expected) in [
             (vec![], "0 rows and 0 columns, expected 2 or more"),
             (file(1, 9, &[0.0; 9]), "1 rows and 9 columns"),
             (file(-2, -3, &[0.0; 6]), "0 rows and 0 columns"),
             (
                 file(i32::MAX, i32::MAX, &[]),
-                "2147483647 rows and 2147483647 columns, expected 2 or more and less than 10000000",
+                "2147483647 rows and 2147483647 columns, expected 2 or more, and 10000000 triangles at most",
             ),
             (file(2, 3, &[0.0; 5]), "a file of 28 bytes, expected 32 with 2 rows and 3 columns"),
             (file(2, 3, &[0.0; 7]), "a file of 36 bytes"),
             (file(2, 2, &[0.0, 1.0, f32::NAN, 2.0]), "with an elevation of NaN, expected finite numbers"),
         ] {
-            let problem = refused(Field::parse(&bytes));
+            let problem = refused(Field::parse(&bytes, MAX_TRIANGLES));
             assert!(problem.contains(expected), "{expected}: {problem}");
         }
-        assert!(refused(Field::of_text(2, 3, &[0.0; 7])).contains("7 elevations, expected 2 times 3"));
-        assert!(refused(Field::flat(100_000, 100_000)).contains("less than 10000000 triangles"));
+        assert!(refused(Field::of_text(2, 3, &[0.0; 7], MAX_TRIANGLES)).contains("7 elevations, expected 2 times 3"));
+        assert!(refused(Field::flat(100_000, 100_000, MAX_TRIANGLES)).contains("10000000 triangles at most"));
     }
 }

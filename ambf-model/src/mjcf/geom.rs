@@ -1,8 +1,6 @@
 //! Geoms: what collides, what is drawn, what weighs.
 
-use std::collections::HashMap;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -241,11 +239,10 @@ impl<'a> Geom<'a> {
                 (PartGeometry::Primitive(primitive), shape)
             }
             None if text.kind == Kind::HeightField && !is_fitted => {
-                let field = asset(&element, ("hfield", text.field), &assets.fields)?;
-                (PartGeometry::Triangles(Arc::clone(field)), None)
+                (PartGeometry::Triangles(assets.field(&element, text.field)?), None)
             }
             None => {
-                let mesh = asset(&element, ("mesh", text.mesh), &assets.meshes)?;
+                let mesh = assets.mesh(&element, text.mesh)?;
                 let shape = (needs_mass && text.mass != Some(0.0)).then(|| assets.volume(mesh)).flatten();
                 pose *= mesh.in_geom;
                 (mesh.geometry.clone(), shape)
@@ -290,21 +287,6 @@ impl<'a> Geom<'a> {
     pub fn is_plane(&self) -> bool {
         matches!(self.part.geometry, PartGeometry::Primitive(Primitive::Plane { .. }))
     }
-}
-
-/// What an asset of a kind is made of; `None`, reported there or here, if there is none of use.
-fn asset<'m, T>(
-    element: &Element<'_>,
-    (key, name): (&'static str, Option<&str>),
-    all: &'m HashMap<String, Option<T>>,
-) -> Option<&'m T> {
-    let name = name.unwrap_or_default();
-    let found = all.get(name);
-    if found.is_none() {
-        let expected = format!("the name of a {key} in `asset`");
-        element.error(ProblemKind::UnknownValue, key, &quoted(name), &expected, "the geom is left out");
-    }
-    found?.as_ref()
 }
 
 /// A path as it may be written in MJCF.

@@ -664,6 +664,12 @@ fn height_fields_are_bodies_of_their_own() {
     let flat = clean(&text(&format!("nrow='2' ncol='2' {size}"), ""));
     assert!(flat.bodies.iter().any(|body| body.common.identifier == "BODY hill_hfield0"));
 
+    // A few letters don't ask for more than one large one.
+    let large = format!("nrow='2000' ncol='2000' {size}/><hfield name='g' nrow='2000' ncol='2000' {size}");
+    let (_, problems) = read(&text(&large, "<geom type='hfield' hfield='h'/>"));
+    assert!(problems.len() == 2 && problems[0].contains("`asset / hfield g / nrow` is of 2000 rows"), "{problems:?}");
+    let expected = "geom / hfield` is one height field too many, expected 10000000 triangles of all of them";
+    assert!(problems[1].contains(expected), "{problems:?}");
     for (field, rest, expected) in [
         (
             format!("nrow='2' ncol='3' elevation='1 2' {size}"),
@@ -711,7 +717,7 @@ fn keyframes_are_states_of_joints_and_free_bodies() {
                <body name='f' pos='0 0 1'><freejoint/><geom size='0.1' pos='0.5 0 0'/>
                  <body name='a'><joint name='x' type='slide' axis='1 0 0'/><joint name='y' axis='0 1 0' stiffness='1'/><geom size='0.1'/></body>
                </body>
-               <body name='b'><joint name='z' type='ball'/><geom size='0.1'/></body><body name='c'><joint name='w' ref='90'/><geom size='0.1'/></body>
+               <body name='b'><joint name='z' type='ball'/><geom size='0.1'/></body><body name='c'><joint name='w' ref='90' range='0 90'/><geom size='0.1'/></body>
              </worldbody><keyframe>{keys}</keyframe></mujoco>"
         )
     };
@@ -738,15 +744,17 @@ fn keyframes_are_states_of_joints_and_free_bodies() {
     assert_eq!(model.bodies, clean(&text("")).bodies, "the start is that of the bodies");
 
     let (model, problems) = read(&text(
-        "<key name='short' qpos='1 2 3'/><key name='turned' qpos='1 2 3 1 0 0 0 0 0 0 1 0 0 0' mpos='1 2 3'/>",
+        "<key name='short' qpos='1 2 3'/><key name='turned' qpos='1 2 3 1 0 0 0 0 0 0 1 0 0 -1e-3' mpos='1 2 3'/>",
     ));
     assert_eq!(model.keyframes.len(), 1);
+    assert_eq!(model.keyframes[0].positions.last().map(|(_, position)| *position), Some(0.0));
     for (problem, expected) in problems.iter().zip([
         "error: `keyframe / key short / qpos` is 3 numbers, expected 14, those of all joints; the key is left out",
         "info: `keyframe / key turned / mpos` is not used",
         "warning: `keyframe / key turned / qpos` is not used; the ball joint z has no coordinate, and stays as it is",
+        "warning: `keyframe / key turned / qpos` is -0.001 for w, expected its limits, 0 to 1.57079632",
     ]) {
         assert!(problem.contains(expected), "{expected}: {problem}");
     }
-    assert_eq!(problems.len(), 3, "{problems:#?}");
+    assert_eq!(problems.len(), 4, "{problems:#?}");
 }
