@@ -13,7 +13,7 @@ use super::field::{Field, Unusable};
 use super::geom::mesh_path;
 use super::mass::{of_mesh, Mass, MeshVolume};
 use super::settings::{choice, finish, Compiler};
-use super::source::{Source, Surroundings};
+use super::source::{written_path, Source, Surroundings};
 use crate::adf::{Material, PartGeometry, PhysicalMaterial, ProblemKind};
 use crate::mesh::{self, Mesh, Sources, MAX_TRIANGLES};
 use crate::xml::{quoted, Element};
@@ -357,7 +357,10 @@ fn asset<'m, T>(
 
 /// The name of an asset: its own, or that of its file.
 fn name_of(element: &Element<'_>, file: Option<&str>) -> String {
-    let stem = || Path::new(file.unwrap_or_default()).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let stem = || {
+        let path = written_path(file.unwrap_or_default());
+        path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    };
     match element.attribute("name") {
         Some(_) => element.need_name("name", "a name").to_owned(),
         None => stem(),

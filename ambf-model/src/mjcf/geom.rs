@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::asset::Assets;
 use super::mass::{solid, Mass};
 use super::settings::{choice, finish, z_to, Compiler, BOOLEANS, POSE, SOFT};
+use super::source::written_path;
 use crate::adf::{Axis, Material, Part, PartGeometry, Primitive, ProblemKind};
 use crate::xml::{quoted, Element};
 
@@ -289,12 +290,12 @@ impl<'a> Geom<'a> {
     }
 }
 
-/// A path as it may be written in MJCF.
+/// The file of a mesh or height field.
 pub(super) fn mesh_path(file: &str, compiler: &Compiler, folder: &std::path::Path) -> PathBuf {
-    let file = std::path::Path::new(file);
+    let file = written_path(file);
     let file = match compiler.strips_paths {
-        true => file.file_name().map_or(file, std::path::Path::new),
-        false => file,
+        true => file.file_name().map_or(file.as_path(), std::path::Path::new),
+        false => &file,
     };
     match compiler.mesh_folder.as_os_str().is_empty() {
         true => folder.join(file),

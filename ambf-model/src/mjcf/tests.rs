@@ -560,8 +560,8 @@ fn included_files_and_meshes() {
     );
     let main = write(
         "m.xml",
-        "<mujoco><compiler meshdir='parts'/><asset><mesh file='t.obj' scale='2 2 -2'/></asset>
-         <worldbody><include file='parts/body.xml'/></worldbody></mujoco>",
+        "<mujoco><compiler meshdir='.\\parts'/><asset><mesh file='.\\t.obj' scale='2 2 -2'/></asset>
+         <worldbody><include file='parts\\body.xml'/></worldbody></mujoco>",
     );
     let text = std::fs::read_to_string(&main).expect("read");
     let (model, report, sources) = parse_with_files(&text, &main, Surroundings::Disk).expect("read");
