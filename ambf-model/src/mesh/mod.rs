@@ -463,6 +463,21 @@ mod tests {
     }
 
     #[test]
+    fn given_triangles_are_checked_and_drawn() {
+        let corners = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]];
+        let mesh = Mesh::of_triangles(&corners, &[[0, 2, 4], [0, 1, 3]]).unwrap();
+        assert_eq!(mesh.sub_meshes[0].triangles, [[0, 1, 2], [0, 2, 3]], "welded");
+        assert_eq!(Mesh::of_triangles(&corners, &[]).unwrap().vertex_count(), 4);
+        assert_eq!(Mesh::of_triangles(&corners, &[[0, 1, 5]]), None);
+        assert_eq!(Mesh::of_triangles(&[[0.0, f64::NAN, 0.0]], &[]), None);
+        let normals = |smooth| VisualMesh::of(&mesh, Path::new("m"), smooth).unwrap().parts.remove(0).normals;
+        assert_eq!(normals(false), [[[0.0, 0.0, -1.0]; 3], [[0.0, -1.0, 0.0]; 3]].concat());
+        assert_eq!(normals(true).len(), 4);
+        let far = Mesh::of_triangles(&[[1e30; 3], [0.0; 3], [1.0; 3]], &[[0, 1, 2]]).unwrap();
+        assert!(matches!(VisualMesh::of(&far, Path::new("m"), false), Err(MeshError::TooFar { .. })));
+    }
+
+    #[test]
     fn a_negative_scale_mirrors_and_reverses() {
         let mut w = Welder::default();
         w.triangle([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]]);

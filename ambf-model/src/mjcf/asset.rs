@@ -1,7 +1,7 @@
 //! Section `asset`: meshes, height fields and materials.
 
 use std::borrow::Cow;
-use std::cell::{Cell, RefCell};
+use std::cell::{Cell, OnceCell, RefCell};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -25,6 +25,8 @@ pub(super) struct MeshAsset {
     /// Pose of the file's frame in that of the geoms that use it.
     pub in_geom: Isometry3<f64>,
     volume: MeshVolume,
+    /// Volume and inertia, found once for all geoms.
+    mass: OnceCell<Option<Mass>>,
 }
 
 /// What a material element and its defaults say.
@@ -232,6 +234,7 @@ impl<'a> Assets<'a> {
             geometry,
             in_geom: Isometry3::from_parts(text.scale.component_mul(&position).into(), rotation).inverse(),
             volume: text.volume,
+            mass: OnceCell::new(),
         });
         self.meshes.insert(name, mesh);
     }
@@ -304,6 +307,10 @@ impl<'a> Assets<'a> {
     /// Volume and inertia at density 1 of a mesh, in the frame of its file; `None` where the file is of no use, which is
     /// reported when it is built.
     pub fn volume(&self, asset: &MeshAsset) -> Option<Mass> {
+        *asset.mass.get_or_init(|| self.find_volume(asset))
+    }
+
+    fn find_volume(&self, asset: &MeshAsset) -> Option<Mass> {
         let mesh = match &asset.geometry {
             PartGeometry::Mesh { path, scale } if self.surroundings == Surroundings::Disk => {
                 let mut volumes = self.volumes.borrow_mut();
