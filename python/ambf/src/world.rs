@@ -991,7 +991,8 @@ impl World {
 
     #[getter]
     fn keyframes(&self, py: Python<'_>) -> PyResult<Vec<KeyframeRow>> {
-        let places: HashMap<JointId, usize> = self.joint_ids.iter().enumerate().map(|(place, id)| (*id, place)).collect();
+        let places: HashMap<JointId, usize> =
+            self.joint_ids.iter().enumerate().map(|(place, id)| (*id, place)).collect();
         let joints = |values: Vec<(JointId, f64)>| -> Vec<(usize, f64)> {
             values.into_iter().filter_map(|(id, value)| Some((*places.get(&id)?, value))).collect()
         };
