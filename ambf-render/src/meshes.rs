@@ -2,12 +2,13 @@
 
 use std::collections::{HashMap, HashSet};
 use std::fmt;
+use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Arc;
 
 use ambf_core::adf::{Axis, Primitive};
-use ambf_core::mesh::{load_visual, MeshMaterial, MeshTexture, VisualMesh, VisualMeshPart};
+use ambf_core::mesh::{load_visual, Mesh, MeshMaterial, MeshTexture, VisualMesh, VisualMeshPart};
 use nalgebra::{Point3, Vector3};
 use parking_lot::Mutex;
 
@@ -53,6 +54,9 @@ pub(crate) struct SoftPart {
     normals: Vec<Vector3<f32>>,
 }
 
+/// What messages call a mesh of a description.
+const TRIANGLES: &str = "a mesh of the model";
+
 /// What a mesh is made from.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(crate) enum MeshKey {
@@ -60,6 +64,26 @@ pub(crate) enum MeshKey {
     File(PathBuf, bool),
     /// A shape, as text: its dimensions are floats, which have no hash.
     Shape(String),
+    /// Triangles of a description; whether duplicate vertices are welded.
+    Triangles(SameMesh, bool),
+}
+
+/// A mesh that equals only itself: it is compared by its place, at which it stays as long as it is kept here.
+#[derive(Debug, Clone)]
+pub(crate) struct SameMesh(Arc<Mesh>);
+
+impl PartialEq for SameMesh {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+impl Eq for SameMesh {}
+
+impl Hash for SameMesh {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        Arc::as_ptr(&self.0).hash(state);
+    }
 }
 
 impl fmt::Display for MeshKey {
@@ -67,6 +91,7 @@ impl fmt::Display for MeshKey {
         match self {
             Self::File(path, _) => write!(f, "{}", path.display()),
             Self::Shape(_) => f.write_str("a shape"),
+            Self::Triangles(..) => f.write_str(TRIANGLES),
         }
     }
 }
@@ -81,6 +106,10 @@ pub(crate) struct MeshRequest {
 impl MeshRequest {
     pub(crate) fn file(path: &Path, remove_duplicates: bool) -> Self {
         Self { key: MeshKey::File(path.to_owned(), remove_duplicates), shape: None }
+    }
+
+    pub(crate) fn triangles(mesh: &Arc<Mesh>, remove_duplicates: bool) -> Self {
+        Self { key: MeshKey::Triangles(SameMesh(Arc::clone(mesh)), remove_duplicates), shape: None }
     }
 
     /// A shape of unit size, and the factors that make it as large as `primitive`: shapes of different sizes are drawn
@@ -120,6 +149,10 @@ impl MeshRequest {
             (Some(shape), _) => Ok((VisualMesh::primitive(shape), Vec::new())),
             (None, MeshKey::File(path, remove_duplicates)) => {
                 load_visual(path, *remove_duplicates).map_err(|error| format!("{error}; it is not drawn"))
+            }
+            (None, MeshKey::Triangles(SameMesh(mesh), remove_duplicates)) => {
+                let mesh = VisualMesh::of(mesh, Path::new(TRIANGLES), *remove_duplicates);
+                mesh.map(|mesh| (mesh, Vec::new())).map_err(|error| format!("{error}; it is not drawn"))
             }
             (None, MeshKey::Shape(_)) => Err("a shape is none".to_owned()),
         }

@@ -42,7 +42,7 @@ void amb_body_set_apart(AmbBody *body, unsigned family, const unsigned *groups, 
 }
 
 void amb_body_set_filter(AmbBody *body, unsigned model, unsigned member, unsigned cluster, unsigned outer, unsigned kind,
-                         unsigned affinity, const unsigned *excluded, int n) {
+                         unsigned affinity, const unsigned *excluded, int n, const unsigned *included, int m) {
   body->filter = std::make_unique<CollisionFilter>();
   CollisionFilter &filter = *body->filter;
   filter.model = model;
@@ -52,6 +52,7 @@ void amb_body_set_filter(AmbBody *body, unsigned model, unsigned member, unsigne
   filter.kind = kind;
   filter.affinity = affinity;
   filter.excluded.assign(excluded, excluded + n);
+  filter.included.assign(included, included + m);
 }
 
 void amb_body_set_surface(AmbBody *body, double friction, double rolling_friction, double restitution) {

@@ -15,9 +15,10 @@ void amb_body_set_apart(AmbBody *body, unsigned family, const unsigned *groups, 
 
 /* Two bodies of one model, a number above 0, never collide if they are of one cluster, if one is of the cluster `outer` of the
    other (0: none), if neither's kind has a bit in common with the other's affinity, or if one lists the other's member number
-   among the n excluded ones, which are ascending. To be called before the body is added to a world. */
+   among the n excluded ones; they do whatever else is said if both list each other among the m included ones. Both lists are
+   ascending. To be called before the body is added to a world. */
 void amb_body_set_filter(AmbBody *body, unsigned model, unsigned member, unsigned cluster, unsigned outer, unsigned kind,
-                         unsigned affinity, const unsigned *excluded, int n);
+                         unsigned affinity, const unsigned *excluded, int n, const unsigned *included, int m);
 
 /* Contacts that are there already get the new coefficients, too. */
 void amb_body_set_surface(AmbBody *body, double friction, double rolling_friction, double restitution);

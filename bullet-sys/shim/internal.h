@@ -51,16 +51,19 @@ struct AmbWorld;
 struct CollisionFilter {
   bool is_apart_from(const CollisionFilter &other) const {
     if (model == 0 || model != other.model) return false;
+    if (includes(other) && other.includes(*this)) return false;
     if (cluster == other.cluster || (outer != 0 && outer == other.cluster) || (other.outer != 0 && other.outer == cluster)) return true;
     if ((kind & other.affinity) == 0 && (other.kind & affinity) == 0) return true;
     return std::binary_search(excluded.begin(), excluded.end(), other.member);
   }
 
+  bool includes(const CollisionFilter &other) const { return std::binary_search(included.begin(), included.end(), other.member); }
+
   // 0: none.
   unsigned model = 0;
   unsigned member = 0, cluster = 0, outer = 0, kind = 0, affinity = 0;
   // Ascending.
-  Vector<unsigned> excluded;
+  Vector<unsigned> excluded, included;
 };
 
 // The user pointer of every collision object points at its AmbObject.

@@ -35,7 +35,7 @@ differences! {
         "is taken as a pair",
         "sets `low` first and refuses it above the `high` of before, 1000 Hz; then it refuses a `high` below its `low`";
     DAE_MESH: "dae mesh", "",
-        "names a DAE, PLY or glTF mesh, which is read",
+        "names a DAE, PLY, glTF or MSH mesh, which is read",
         "reads none of these: it drops the element, or does not draw it";
     NAME_CHARACTERS: "name", "name",
         "holds characters that a ROS topic may not hold; they are replaced by `_`",

@@ -84,10 +84,10 @@ impl<'a> Pass<'a> {
         }
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
         match extension.to_str() {
-            Some("dae" | "ply" | "gltf" | "glb") => self.differs(&original::DAE_MESH, &common.identifier),
+            Some("dae" | "ply" | "gltf" | "glb" | "msh") => self.differs(&original::DAE_MESH, &common.identifier),
             Some("stl" | "obj" | "3ds") => (),
             _ => {
-                let why = format!("{} is of no known format (stl, obj, 3ds, dae, ply, gltf, glb)", path.display());
+                let why = format!("{} is of no known format (stl, obj, 3ds, dae, ply, gltf, glb, msh)", path.display());
                 self.missing(level, common, key, &why, consequence);
             }
         }

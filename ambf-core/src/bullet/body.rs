@@ -113,8 +113,12 @@ impl World {
     pub fn add_body_apart(&mut self, index: usize, body: RigidBody, apart: Apart<'_>) -> BodyHandle {
         let mut groups = apart.groups.to_vec();
         groups.sort_unstable();
-        let mut excluded = apart.filter.map_or(Vec::new(), |(_, filter)| filter.excluded.clone());
-        excluded.sort_unstable();
+        let sorted = |mut list: Vec<u32>| {
+            list.sort_unstable();
+            list
+        };
+        let excluded = sorted(apart.filter.map_or(Vec::new(), |(_, filter)| filter.excluded.clone()));
+        let included = sorted(apart.filter.map_or(Vec::new(), |(_, filter)| filter.included.clone()));
         let is_free = self.body_list.get(index).map_or(index == self.body_list.len(), |raw| raw.is_null());
         assert!(is_free, "index {index} of {} is not free", self.body_list.len());
         let _arena = self.enter();
@@ -130,20 +134,21 @@ impl World {
             sys::amb_body_set_damping(raw.as_ptr(), body.linear_damping, body.angular_damping);
             sys::amb_body_set_apart(raw.as_ptr(), apart.family, groups.as_ptr(), groups.len() as i32);
             if let Some((model, filter)) = apart.filter {
-                let CollisionFilter { kind, affinity, member, cluster, outer, excluded: _ } = *filter;
+                let CollisionFilter { kind, affinity, member, cluster, outer, excluded: _, included: _ } = *filter;
                 // Clusters count from 1 there.
                 let (cluster, outer) = (cluster + 1, outer.map_or(0, |outer| outer + 1));
-                let (raw, list) = (raw.as_ptr(), excluded.as_ptr());
                 sys::amb_body_set_filter(
-                    raw,
+                    raw.as_ptr(),
                     model,
                     member,
                     cluster,
                     outer,
                     kind,
                     affinity,
-                    list,
+                    excluded.as_ptr(),
                     excluded.len() as i32,
+                    included.as_ptr(),
+                    included.len() as i32,
                 );
             }
         }
@@ -540,8 +545,10 @@ mod tests {
             cluster,
             outer,
             excluded: excluded.to_vec(),
+            included: vec![],
         };
         let all = |member, cluster, outer| filter(1, 1, member, cluster, outer, &[]);
+        let including = |filter, included: &[u32]| CollisionFilter { included: included.to_vec(), ..filter };
         for (a, b, collide) in [
             (all(1, 1, None), all(2, 2, None), true),
             (all(1, 1, None), all(2, 1, None), false),
@@ -550,6 +557,12 @@ mod tests {
             (filter(2, 1, 1, 1, None, &[]), filter(1, 4, 2, 2, None, &[]), true),
             (filter(2, 4, 1, 1, None, &[]), filter(1, 1, 2, 2, None, &[]), false),
             (filter(1, 1, 1, 1, None, &[9, 2]), filter(1, 1, 2, 2, None, &[1]), false),
+            (
+                including(filter(1, 0, 1, 1, None, &[]), &[9, 2]),
+                including(filter(1, 0, 2, 2, Some(1), &[1]), &[1]),
+                true,
+            ),
+            (including(filter(1, 0, 1, 1, None, &[]), &[9, 2]), filter(1, 0, 2, 2, None, &[]), false),
         ] {
             for (model, swapped) in [(1, false), (1, true), (2, false)] {
                 let mut world = World::new(Solver::default());

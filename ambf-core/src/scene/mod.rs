@@ -18,6 +18,7 @@ mod graph;
 mod hulls;
 mod identity;
 mod joint;
+mod keyframes;
 mod list;
 mod load;
 mod mechanism;

@@ -68,7 +68,7 @@ pub(super) fn needed_meshes(planned: &PlannedModel) -> impl Iterator<Item = (Pat
             // Each part has its own scale, which is applied when its shape is made.
             let mesh = |part: &Part| match &part.geometry {
                 PartGeometry::Mesh { path, .. } => Some((path.clone(), 1.0)),
-                PartGeometry::Primitive(_) => None,
+                PartGeometry::Primitive(_) | PartGeometry::Triangles(_) => None,
             };
             parts.iter().filter_map(mesh).collect()
         }

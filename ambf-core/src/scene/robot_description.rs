@@ -297,6 +297,8 @@ fn geometries(part: &Part) -> Vec<(Isometry3<f64>, String)> {
         PartGeometry::Primitive(Primitive::Cone { .. } | Primitive::Ellipsoid { .. } | Primitive::Plane { .. }) => {
             Vec::new()
         }
+        // URDF has meshes in files only.
+        PartGeometry::Triangles(_) => Vec::new(),
         PartGeometry::Mesh { path, scale } => {
             let path = std::path::absolute(path).unwrap_or_else(|_| path.clone());
             let file = path.display().to_string();

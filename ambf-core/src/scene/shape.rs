@@ -219,6 +219,7 @@ fn part_children(
     let pose = body_in_inertial * part.offset;
     match &part.geometry {
         PartGeometry::Primitive(p) => vec![(primitive(p, margin), pose)],
+        PartGeometry::Triangles(mesh) => mesh_children(mesh, kind, &meshes.hulls, margin, &pose, left_out),
         PartGeometry::Mesh { path, scale } => match meshes.files.get(path, 1.0) {
             Ok(mesh) => {
                 let mesh = mesh.scaled_along((*scale).into());

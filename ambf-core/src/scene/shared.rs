@@ -50,7 +50,7 @@ fn mesh_files(collision: &CollisionGeometry) -> impl Iterator<Item = &std::path:
     };
     let of_parts = parts.iter().filter_map(|part| match &part.geometry {
         PartGeometry::Mesh { path, .. } => Some(path.as_path()),
-        PartGeometry::Primitive(_) => None,
+        PartGeometry::Primitive(_) | PartGeometry::Triangles(_) => None,
     });
     one.into_iter().chain(of_parts)
 }

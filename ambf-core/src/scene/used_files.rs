@@ -78,6 +78,6 @@ fn add_included(file: &Path, files: &mut BTreeSet<PathBuf>) {
 fn mesh_of(part: &Part) -> Option<PathBuf> {
     match &part.geometry {
         PartGeometry::Mesh { path, .. } => Some(path.clone()),
-        PartGeometry::Primitive(_) => None,
+        PartGeometry::Primitive(_) | PartGeometry::Triangles(_) => None,
     }
 }

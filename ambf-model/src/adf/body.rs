@@ -55,7 +55,7 @@ pub struct RigidBody {
 }
 
 /// Which bodies of a model a body collides with: those of other clusters than its own and the one that carries it, if the kind of
-/// one has a bit in common with the affinity of the other.
+/// one has a bit in common with the affinity of the other; none of `excluded`, and all of `included`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CollisionFilter {
     /// Bits.
@@ -70,6 +70,8 @@ pub struct CollisionFilter {
     pub outer: Option<u32>,
     /// Members of the model that it never collides with; they list it, too.
     pub excluded: Vec<u32>,
+    /// Members of the model that it collides with whatever else is said, if they list it, too.
+    pub included: Vec<u32>,
 }
 
 /// Contact and damping properties of a rigid body.

@@ -1,6 +1,7 @@
 //! Shapes of bodies: what is drawn and what collides.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -8,6 +9,7 @@ use super::common::{Material, ShaderProgram};
 use super::reader::{Map, Range};
 use super::report::ProblemKind;
 use super::values::{mesh_path, Base};
+use crate::mesh::Mesh;
 
 /// A coordinate axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -105,6 +107,8 @@ pub enum PartGeometry {
         /// Factors along the axes of the mesh; finite, none is zero, negative ones mirror.
         scale: Vector3<f64>,
     },
+    /// Triangles that the description itself gives. Never in ADF files.
+    Triangles(Arc<Mesh>),
 }
 
 /// A [`Part`] that is drawn.

@@ -14,6 +14,7 @@ mod device;
 mod geometry;
 mod ghost;
 mod joint;
+mod keyframe;
 mod launch;
 mod light;
 mod model;
@@ -56,6 +57,7 @@ pub use ghost::GhostObject;
 pub use joint::{
     ConeTwistLimits, DriveTrain, Joint, JointKind, Limits, LinearAngular, SixDofLimits, SixDofSpring, IMPULSE_STEP,
 };
+pub use keyframe::Keyframe;
 pub use launch::Launch;
 pub use light::{Attenuation, Light};
 pub use model::{Model, ObjectType};

@@ -11,6 +11,7 @@ use super::common::{PluginEntry, ShaderProgram};
 use super::coupling;
 use super::ghost::GhostObject;
 use super::joint::Joint;
+use super::keyframe::Keyframe;
 use super::light::Light;
 use super::reader::{Absent, Map};
 use super::sensor::{Actuator, Sensor};
@@ -130,6 +131,8 @@ pub struct Model {
     pub shaders: Option<ShaderProgram>,
     /// Model plugins.
     pub plugins: Vec<PluginEntry>,
+    /// States that it names. Never in ADF files.
+    pub keyframes: Vec<Keyframe>,
 }
 
 impl Model {
@@ -167,6 +170,7 @@ impl Model {
             gravity: root.vector("gravity"),
             shaders: root.shaders("shaders"),
             plugins: root.plugins("plugins"),
+            keyframes: vec![],
             namespace: base.namespace,
             file,
         };
@@ -199,6 +203,7 @@ impl Model {
             gravity: None,
             shaders: None,
             plugins: vec![],
+            keyframes: vec![],
         }
     }
 }

@@ -10,6 +10,7 @@ mod cache;
 mod dae;
 mod gltf;
 mod material;
+mod msh;
 mod obj;
 mod parts;
 mod placement;
@@ -35,6 +36,7 @@ pub use material::{MeshMaterial, MeshTexture, MetallicRoughness};
 pub use parts::{enclosed_volume, has_holes};
 pub use sources::Sources;
 use visual::Details;
+pub(crate) use visual::MAX_TRIANGLES;
 pub use visual::{load_both, load_visual, parse_visual, VisualMesh, VisualMeshPart};
 
 /// Largest file that is read, in bytes. Far above any usable collision mesh; stops a wrong path from eating the memory.
@@ -48,7 +50,7 @@ const MAX_SUB_MESHES: usize = 100_000;
 pub struct Mesh {
     /// In file order, at least one. STL has one; OBJ max(number of materials, number of objects, 1), faces assigned by
     /// material and the surplus ones empty; 3DS one for each material used by each object; Collada and glTF one for
-    /// each primitive of each placed geometry; PLY one.
+    /// each primitive of each placed geometry; PLY and MSH one.
     pub sub_meshes: Vec<SubMesh>,
 }
 
@@ -113,7 +115,7 @@ pub enum MeshError {
         source: io::Error,
     },
     /// Error when the extension names no known format.
-    #[error("{}: mesh format '{extension}' is not known; use stl, obj, 3ds, dae, ply, gltf or glb", path.display())]
+    #[error("{}: mesh format '{extension}' is not known; use stl, obj, 3ds, dae, ply, gltf, glb or msh", path.display())]
     UnknownFormat {
         /// The mesh file.
         path: PathBuf,
@@ -143,8 +145,8 @@ pub enum MeshError {
     NonFinite {
         /// The mesh file.
         path: PathBuf,
-        /// Number of the vertex, from 0: in the file's vertex list where it has one (OBJ, 3DS, PLY, glTF), else of the
-        /// triangle corner.
+        /// Number of the vertex, from 0: in the file's vertex list where it has one (OBJ, 3DS, PLY, glTF, MSH), else
+        /// of the triangle corner.
         vertex: usize,
         /// The offending position.
         value: [f64; 3],
@@ -191,7 +193,7 @@ impl MeshError {
 }
 
 /// Reads a mesh file; the format follows the extension, in any letter case: `stl` (binary or ASCII), `obj`, `3ds`,
-/// `dae`, `ply` (binary or ASCII), `gltf`, `glb`.
+/// `dae`, `ply` (binary or ASCII), `gltf`, `glb`, `msh` (that of MuJoCo).
 ///
 /// glTF says that +y is up and +z is forward. In ADF +z is up, so that a point (x, y, z) of a glTF file becomes (x, −z,
 /// y), as in Blender and Drake. No other format is turned.
@@ -206,6 +208,7 @@ impl MeshError {
 /// * Collada: `<up_axis>` is ignored (robot descriptions expect coordinates as written), the unit and the node
 ///   transforms are applied; skins, splines and lines are skipped.
 /// * PLY: only vertices and polygons are read, no triangle strips. Points without faces are an error.
+/// * MSH: texture coordinates are skipped. Of a file without triangles the vertices are read.
 /// * glTF: version 2.0, without compression and without sparse accessors. The default scene is read, else the first,
 ///   else all nodes. Skins are drawn as their nodes place them; morph targets, animations, points and lines are
 ///   skipped. Of textures the base colour, metalness with roughness, and normals are drawn, all with the texture
@@ -276,6 +279,7 @@ fn reader_of(path: &Path) -> Result<Reader, MeshError> {
         "dae" => dae::read,
         "ply" => ply::read,
         "gltf" | "glb" => gltf::read,
+        "msh" => |path, bytes, _, details| msh::read(path, &bytes, details),
         _ => return Err(MeshError::UnknownFormat { path: path.to_path_buf(), extension: extension.into_owned() }),
     })
 }
@@ -324,6 +328,24 @@ impl Mesh {
             }
         }
         mesh
+    }
+
+    /// A mesh of one part with these triangles, or, if there are none, with these vertices; `None`: an index is out of range, or a
+    /// number is not finite.
+    pub(crate) fn of_triangles(vertices: &[[f64; 3]], triangles: &[[usize; 3]]) -> Option<Mesh> {
+        let is_finite = vertices.as_flattened().iter().all(|number| number.is_finite());
+        let exists = triangles.as_flattened().iter().all(|index| *index < vertices.len());
+        if !(is_finite && exists) {
+            return None;
+        }
+        let mut surface = Welder::default();
+        triangles.iter().for_each(|triangle| surface.triangle(triangle.map(|index| vertices[index])));
+        if triangles.is_empty() {
+            vertices.iter().for_each(|vertex| {
+                surface.vertex(*vertex);
+            });
+        }
+        Some(Mesh { sub_meshes: vec![surface.finish()] })
     }
 
     /// Number of triangles of all sub-meshes.
@@ -438,6 +460,21 @@ mod tests {
         assert_eq!(sub.vertices, [[1.0, 0.0, 0.0], [0.0; 3], [0.0, 1.0, 0.0], [tiny, 0.0, 0.0]]);
         assert_eq!(sub.triangles, [[0, 1, 2], [1, 3, 0]]);
         assert_eq!(sub.surface_vertices, 4);
+    }
+
+    #[test]
+    fn given_triangles_are_checked_and_drawn() {
+        let corners = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]];
+        let mesh = Mesh::of_triangles(&corners, &[[0, 2, 4], [0, 1, 3]]).unwrap();
+        assert_eq!(mesh.sub_meshes[0].triangles, [[0, 1, 2], [0, 2, 3]], "welded");
+        assert_eq!(Mesh::of_triangles(&corners, &[]).unwrap().vertex_count(), 4);
+        assert_eq!(Mesh::of_triangles(&corners, &[[0, 1, 5]]), None);
+        assert_eq!(Mesh::of_triangles(&[[0.0, f64::NAN, 0.0]], &[]), None);
+        let normals = |smooth| VisualMesh::of(&mesh, Path::new("m"), smooth).unwrap().parts.remove(0).normals;
+        assert_eq!(normals(false), [[[0.0, 0.0, -1.0]; 3], [[0.0, -1.0, 0.0]; 3]].concat());
+        assert_eq!(normals(true).len(), 4);
+        let far = Mesh::of_triangles(&[[1e30; 3], [0.0; 3], [1.0; 3]], &[[0, 1, 2]]).unwrap();
+        assert!(matches!(VisualMesh::of(&far, Path::new("m"), false), Err(MeshError::TooFar { .. })));
     }
 
     #[test]

@@ -14,7 +14,7 @@ use crate::files::Found;
 use super::{checked_size, io_error, not_empty, read_file, reader_of, Files, Mesh, MeshError, SubMesh, ON_DISK};
 
 /// Most triangles of a mesh that is drawn.
-pub(super) const MAX_TRIANGLES: usize = 10_000_000;
+pub(crate) const MAX_TRIANGLES: usize = 10_000_000;
 
 /// Largest coordinate of a vertex that is drawn: its square is still a 32-bit number.
 const MAX_COORDINATE: f64 = 1e18;
@@ -168,6 +168,18 @@ fn both(
         details.warnings.add_general(path, "the mesh has vertices but no triangles; nothing of it is drawn");
     }
     Ok((mesh, visual, details.warnings.finish(path)))
+}
+
+impl VisualMesh {
+    /// How a mesh that is in no file looks, as one in STL does. `name` stands for that of the file.
+    ///
+    /// # Errors
+    /// [`MeshError::TooManyTriangles`] beyond 10 million, [`MeshError::TooFar`].
+    pub fn of(mesh: &Mesh, name: &Path, remove_duplicates: bool) -> Result<Self, MeshError> {
+        let flat = || PartDetails { facing: Facing::Flat, ..PartDetails::default() };
+        let parts = mesh.sub_meshes.iter().map(|_| flat()).collect();
+        assemble(name, mesh, &mut Details { parts, ..Details::default() }, remove_duplicates)
+    }
 }
 
 fn assemble(path: &Path, mesh: &Mesh, details: &mut Details, remove_duplicates: bool) -> Result<VisualMesh, MeshError> {

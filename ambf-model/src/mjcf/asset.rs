@@ -1,28 +1,32 @@
-//! Section `asset`: meshes and materials.
+//! Section `asset`: meshes, height fields and materials.
 
-use std::cell::RefCell;
+use std::borrow::Cow;
+use std::cell::{Cell, OnceCell, RefCell};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use super::classes::Classes;
-use super::geom::{mesh_path, Meshes};
+use super::field::{Field, Unusable};
+use super::geom::mesh_path;
 use super::mass::{of_mesh, Mass, MeshVolume};
 use super::settings::{choice, finish, Compiler};
-use super::source::{Source, Surroundings};
-use crate::adf::{Material, PhysicalMaterial, ProblemKind};
-use crate::mesh::{self, Sources};
+use super::source::{written_path, Source, Surroundings};
+use crate::adf::{Material, PartGeometry, PhysicalMaterial, ProblemKind};
+use crate::mesh::{self, Mesh, Sources, MAX_TRIANGLES};
 use crate::xml::{quoted, Element};
 
 /// A mesh of the assets.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct MeshAsset {
-    pub path: PathBuf,
-    pub scale: Vector3<f64>,
+    pub geometry: PartGeometry,
     /// Pose of the file's frame in that of the geoms that use it.
     pub in_geom: Isometry3<f64>,
     volume: MeshVolume,
+    /// Volume and inertia, found once for all geoms.
+    mass: OnceCell<Option<Mass>>,
 }
 
 /// What a material element and its defaults say.
@@ -135,13 +139,19 @@ impl MeshText {
     }
 }
 
-/// Meshes and materials by name.
+/// Meshes, height fields and materials by name.
 pub(super) struct Assets<'a> {
-    pub meshes: Meshes,
+    /// `None`: reported.
+    meshes: HashMap<String, Option<MeshAsset>>,
+    /// `None`: reported.
+    fields: HashMap<String, Option<Arc<Mesh>>>,
+    /// Triangles that further height fields may have, and further geoms that use them: a few letters ask for millions.
+    field_triangles: usize,
+    geom_triangles: Cell<usize>,
     materials: HashMap<&'a str, MaterialText>,
     surroundings: Surroundings,
     /// What is known of files that were read.
-    volumes: RefCell<HashMap<PathBuf, Option<mesh::Mesh>>>,
+    volumes: RefCell<HashMap<PathBuf, Option<Mesh>>>,
     /// Files that were read.
     pub read: RefCell<Sources>,
 }
@@ -157,6 +167,9 @@ impl<'a> Assets<'a> {
     ) -> Self {
         let mut assets = Self {
             meshes: HashMap::new(),
+            fields: HashMap::new(),
+            field_triangles: MAX_TRIANGLES,
+            geom_triangles: Cell::new(MAX_TRIANGLES),
             materials: HashMap::new(),
             surroundings,
             volumes: RefCell::default(),
@@ -185,7 +198,8 @@ impl<'a> Assets<'a> {
                         "",
                         "surfaces have one colour",
                     ),
-                    "hfield" | "skin" | "model" => {
+                    "hfield" => assets.add_field(&element, compiler, folder),
+                    "skin" | "model" => {
                         element.error(ProblemKind::IgnoredKey, "", "", "", "what uses it is left out");
                     }
                     _ => (),
@@ -197,49 +211,118 @@ impl<'a> Assets<'a> {
 
     fn add_mesh(&mut self, element: &Element<'a>, text: &MeshText, compiler: &Compiler, folder: &Path) {
         let file = element.attribute("file");
-        let stem =
-            || Path::new(file.unwrap_or_default()).file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let name = match element.attribute("name") {
-            Some(_) => element.need_name("name", "a name").to_owned(),
-            None => stem(),
-        };
-        let Some(file) = file else {
-            let action = "geoms that use the mesh are left out";
-            element.error(ProblemKind::Absent, "file", "", "a file; vertices in the text are not read", action);
-            self.meshes.insert(name, None);
-            return;
-        };
+        let name = name_of(element, file);
+        let left_out = "geoms that use the mesh are left out";
         if text.scale.iter().any(|factor| *factor == 0.0) {
             let found = quoted(element.attribute("scale").unwrap_or_default());
-            let action = "geoms that use the mesh are left out";
-            element.error(ProblemKind::OutOfRange, "scale", &found, "three factors other than 0", action);
+            element.error(ProblemKind::OutOfRange, "scale", &found, "three factors other than 0", left_out);
             self.meshes.insert(name, None);
             return;
         }
+        let geometry = match file {
+            Some(file) => Some(PartGeometry::Mesh { path: mesh_path(file, compiler, folder), scale: text.scale }),
+            None => inline(element, text)
+                .map_err(|(key, found, expected)| {
+                    element.error(ProblemKind::OutOfRange, key, &found, &expected, left_out);
+                })
+                .ok(),
+        };
         let position = element.vector("refpos").unwrap_or_default();
         let [w, x, y, z] = element.numbers("refquat").unwrap_or([1.0, 0.0, 0.0, 0.0]);
         let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), f64::MIN_POSITIVE).unwrap_or_default();
-        let mesh = MeshAsset {
-            path: mesh_path(file, compiler, folder),
-            scale: text.scale,
+        let mesh = geometry.map(|geometry| MeshAsset {
+            geometry,
             in_geom: Isometry3::from_parts(text.scale.component_mul(&position).into(), rotation).inverse(),
             volume: text.volume,
+            mass: OnceCell::new(),
+        });
+        self.meshes.insert(name, mesh);
+    }
+
+    fn add_field(&mut self, element: &Element<'a>, compiler: &Compiler, folder: &Path) {
+        let read = ["name", "content_type", "file", "nrow", "ncol", "size", "elevation"];
+        finish(element, &read, &[], &[]);
+        let file = element.attribute("file");
+        let name = name_of(element, file);
+        let left_out = "geoms that use the height field are left out";
+        let most = self.field_triangles;
+        let field = match file {
+            Some(_) if self.surroundings == Surroundings::Nothing => {
+                let (found, expected) = ("a file that is not there".to_owned(), "a file".to_owned());
+                Err(Unusable { found, expected })
+            }
+            Some(file) => {
+                let path = mesh_path(file, compiler, folder);
+                self.read.borrow_mut().add(&path);
+                Field::load(&path, most)
+            }
+            None => {
+                // Larger ones are refused as fields.
+                let count = |name: &'static str| element.real(name).map_or(0, |count| count.clamp(0.0, 1e9) as usize);
+                let (rows, columns) = (count("nrow"), count("ncol"));
+                match element.numbers_in("elevation", 0..=usize::MAX) {
+                    Some(elevations) => Field::of_text(rows, columns, &elevations, most),
+                    None => Field::flat(rows, columns, most),
+                }
+            }
         };
-        self.meshes.insert(name, Some(mesh));
+        let size: Option<[f64; 4]> = element.numbers("size");
+        let mesh = match (field, size.filter(|size| size.iter().all(|length| *length > 0.0))) {
+            (Ok(field), Some(size)) => {
+                let mesh = field.mesh(size);
+                self.field_triangles = most.saturating_sub(mesh.triangle_count());
+                Some(Arc::new(mesh))
+            }
+            (Err(Unusable { found, expected }), _) => {
+                let key = if file.is_some() { "file" } else { "nrow" };
+                element.error(ProblemKind::OutOfRange, key, &found, &expected, left_out);
+                None
+            }
+            (_, None) => {
+                let found = quoted(element.attribute("size").unwrap_or_default());
+                element.error(ProblemKind::OutOfRange, "size", &found, "four lengths above 0", left_out);
+                None
+            }
+        };
+        self.fields.insert(name, mesh);
+    }
+
+    /// The height field of a geom; `None`: reported.
+    pub fn field(&self, element: &Element<'a>, name: Option<&str>) -> Option<Arc<Mesh>> {
+        let field = asset(element, ("hfield", name), &self.fields)?;
+        let Some(left) = self.geom_triangles.get().checked_sub(field.triangle_count()) else {
+            let (found, expected) = ("one height field too many", format!("{MAX_TRIANGLES} triangles of all of them"));
+            element.error(ProblemKind::OutOfRange, "hfield", found, &expected, "the geom is left out");
+            return None;
+        };
+        self.geom_triangles.set(left);
+        Some(Arc::clone(field))
+    }
+
+    /// The mesh of a geom; `None`: reported.
+    pub fn mesh(&self, element: &Element<'a>, name: Option<&str>) -> Option<&MeshAsset> {
+        asset(element, ("mesh", name), &self.meshes)
     }
 
     /// Volume and inertia at density 1 of a mesh, in the frame of its file; `None` where the file is of no use, which is
     /// reported when it is built.
     pub fn volume(&self, asset: &MeshAsset) -> Option<Mass> {
-        if self.surroundings == Surroundings::Nothing {
-            return None;
-        }
-        let mut volumes = self.volumes.borrow_mut();
-        let found = volumes.entry(asset.path.clone()).or_insert_with(|| {
-            self.read.borrow_mut().add(&asset.path);
-            mesh::load(&asset.path).ok()
-        });
-        let mesh = found.as_ref()?.scaled_along(asset.scale.into());
+        *asset.mass.get_or_init(|| self.find_volume(asset))
+    }
+
+    fn find_volume(&self, asset: &MeshAsset) -> Option<Mass> {
+        let mesh = match &asset.geometry {
+            PartGeometry::Mesh { path, scale } if self.surroundings == Surroundings::Disk => {
+                let mut volumes = self.volumes.borrow_mut();
+                let found = volumes.entry(path.clone()).or_insert_with(|| {
+                    self.read.borrow_mut().add(path);
+                    mesh::load(path).ok()
+                });
+                Cow::Owned(found.as_ref()?.scaled_along((*scale).into()))
+            }
+            PartGeometry::Triangles(mesh) => Cow::Borrowed(&**mesh),
+            _ => return None,
+        };
         let triangles = mesh.sub_meshes.iter().flat_map(|sub| {
             sub.triangles.iter().map(|triangle| triangle.map(|index| Vector3::from(sub.vertices[index as usize])))
         });
@@ -262,4 +345,55 @@ impl<'a> Assets<'a> {
         text.rgba = rgba.unwrap_or(text.rgba);
         Some(text.material())
     }
+}
+
+/// What an asset of a kind is made of; `None`, reported there or here, if there is none of use.
+fn asset<'m, T>(
+    element: &Element<'_>,
+    (key, name): (&'static str, Option<&str>),
+    all: &'m HashMap<String, Option<T>>,
+) -> Option<&'m T> {
+    let name = name.unwrap_or_default();
+    let found = all.get(name);
+    if found.is_none() {
+        let expected = format!("the name of a {key} in `asset`");
+        element.error(ProblemKind::UnknownValue, key, &quoted(name), &expected, "the geom is left out");
+    }
+    found?.as_ref()
+}
+
+/// The name of an asset: its own, or that of its file.
+fn name_of(element: &Element<'_>, file: Option<&str>) -> String {
+    let stem = || {
+        let path = written_path(file.unwrap_or_default());
+        path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    };
+    match element.attribute("name") {
+        Some(_) => element.need_name("name", "a name").to_owned(),
+        None => stem(),
+    }
+}
+
+/// A mesh whose vertices are in the text. An error names the attribute, what it is and what was expected.
+fn inline(element: &Element<'_>, text: &MeshText) -> Result<PartGeometry, (&'static str, String, String)> {
+    let vertices = element.numbers_in("vertex", 0..=usize::MAX).unwrap_or_default();
+    let numbers = element.numbers_in("face", 0..=usize::MAX).unwrap_or_default();
+    let vectors: Vec<[f64; 3]> = vertices.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect();
+    if vectors.is_empty() || !vertices.len().is_multiple_of(3) {
+        let found =
+            if vertices.is_empty() { "absent, as `file` is".to_owned() } else { format!("{} numbers", vertices.len()) };
+        return Err(("vertex", found, "three numbers each vertex, or a file".to_owned()));
+    }
+    let triangles: Vec<[usize; 3]> = numbers.chunks_exact(3).map(|t| [t[0], t[1], t[2]].map(|n| n as usize)).collect();
+    let is_index = |number: &f64| *number >= 0.0 && *number < vectors.len() as f64 && number.fract() == 0.0;
+    if !numbers.len().is_multiple_of(3) || !numbers.iter().all(is_index) {
+        let expected = format!("three indices each triangle, from 0 to {}", vectors.len() - 1);
+        return Err(("face", format!("{} numbers", numbers.len()), expected));
+    }
+    if triangles.is_empty() {
+        let action = "it collides as the hull of its vertices, is not drawn and weighs nothing";
+        element.warn(ProblemKind::Absent, "face", "", "triangles", action);
+    }
+    let mesh = Mesh::of_triangles(&vectors, &triangles).unwrap_or_default();
+    Ok(PartGeometry::Triangles(Arc::new(mesh.scaled_along(text.scale.into()))))
 }

@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::asset::Assets;
 use super::classes::Classes;
+use super::contact::Place;
 use super::geom::Geom;
 use super::joint::{Joint, Kind};
 use super::mass::Mass;
@@ -61,8 +62,8 @@ pub(super) struct Bodies<'a> {
     pub views: Vec<(Element<'a>, usize, Isometry3<f64>, Option<&'a str>)>,
     /// Joints by name: whether they have one coordinate.
     pub joints: HashMap<String, bool>,
-    /// Bodies of the geoms by name.
-    pub geoms: HashMap<String, usize>,
+    /// Geoms by name.
+    pub geoms: HashMap<String, Place>,
     written: Written<'a>,
 }
 
@@ -311,7 +312,7 @@ impl<'a> Reading<'_, 'a> {
         if let Some(mut geom) = Geom::new(element, text, outer, self.assets, needs_mass) {
             geom.mass = geom.mass.filter(|_| weighs);
             if let Some(name) = &geom.name {
-                bodies.geoms.insert(name.clone(), index);
+                bodies.geoms.insert(name.clone(), (index, bodies.all[index].geoms.len()));
             }
             bodies.all[index].geoms.push(geom);
         }

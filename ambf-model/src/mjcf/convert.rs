@@ -6,14 +6,15 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::actuator::{motor_impulse, Drives};
 use super::body::{free, Bodies, Body};
+use super::contact::Exceptions;
 use super::geom::Geom;
 use super::joint::{Joint, Kind};
 use super::relation::Couplings;
 use super::settings::Options;
 use crate::adf::{
     CollisionFilter, CollisionGeometry, CollisionMeshKind, Common, Controller, Coupling, DriveTrain, Joint as AdfJoint,
-    JointKind, Leader, Limits, Part, PartGeometry, Primitive, ProblemKind, RigidBody, SourcePos, Surface, Visual,
-    VisualGeometry, VisualPart,
+    JointKind, Leader, Limits, Part, Primitive, ProblemKind, RigidBody, SourcePos, Surface, Visual, VisualGeometry,
+    VisualPart,
 };
 
 /// Mass of a body that moves and has none, as a share of what moves with it: too little to be felt. In joints that are
@@ -36,8 +37,7 @@ pub(super) struct Context<'c> {
     pub options: &'c Options,
     /// Joints beyond those of the tree are there.
     pub has_loops: bool,
-    /// Pairs of bodies, by index, that never collide.
-    pub excluded: &'c [(usize, usize)],
+    pub exceptions: &'c Exceptions,
 }
 
 /// Identifiers of a body and a joint of a name.
@@ -94,30 +94,49 @@ pub(super) fn convert(bodies: &Bodies<'_>, context: &Context<'_>, drives: &Drive
     let loads = loads(all, share);
     let clusters = clusters(all);
     let mut excluded: HashMap<usize, Vec<u32>> = HashMap::new();
-    for &(a, b) in context.excluded {
+    for &(a, b) in &context.exceptions.excluded {
         excluded.entry(a).or_default().push(b as u32);
         excluded.entry(b).or_default().push(a as u32);
     }
+    // By the body and, if it is one of its own here, the geom.
+    let mut included: HashMap<(usize, Option<usize>), Vec<u32>> = HashMap::new();
+    for &[a, b] in &context.exceptions.pairs {
+        for ((body, geom), (other, _)) in [(a, b), (b, a)] {
+            let own = all[body].geoms[geom].is_apart().then_some(geom);
+            included.entry((body, own)).or_default().push(other as u32);
+        }
+    }
     for (index, body) in all.iter().enumerate() {
         let load = loads[index];
+        let together = || body.geoms.iter().filter(|geom| !geom.is_apart());
         let filter = CollisionFilter {
-            kind: body.geoms.iter().fold(0, |bits, geom| bits | geom.text.contact),
-            affinity: body.geoms.iter().fold(0, |bits, geom| bits | geom.text.affinity),
+            kind: together().fold(0, |bits, geom| bits | geom.text.contact),
+            affinity: together().fold(0, |bits, geom| bits | geom.text.affinity),
             member: index as u32,
             cluster: clusters[index] as u32,
             outer: outer_cluster(all, &clusters, index, context.options).map(|outer| outer as u32),
             excluded: excluded.remove(&index).unwrap_or_default(),
+            included: included.remove(&(index, None)).unwrap_or_default(),
         };
         check_masks(body);
         let massless = ((share * load.mass).max(LEAST), Vector3::repeat((share * load.moment).max(LEAST)));
-        let planes = body.geoms.iter().filter(|geom| geom.is_plane());
-        for (number, plane) in planes.enumerate() {
+        let apart = body.geoms.iter().enumerate().filter(|(_, geom)| geom.is_apart());
+        for (number, (place, geom)) in apart.enumerate() {
             // A body may be called as the geom is.
-            let own = plane.name.clone().filter(|name| !converted.body_names.0.contains(name));
-            let name = converted.body_names.give(own.unwrap_or_else(|| format!("{}_plane{number}", body.name)));
-            converted.bodies.extend(plane_body(body, plane, &name, context, &filter));
+            let own = geom.name.clone().filter(|name| !converted.body_names.0.contains(name));
+            let name = converted.body_names.give(own.unwrap_or_else(|| {
+                let kind = if geom.is_field() { "hfield" } else { "plane" };
+                format!("{}_{kind}{number}", body.name)
+            }));
+            let filter = CollisionFilter {
+                kind: geom.text.contact,
+                affinity: geom.text.affinity,
+                included: included.remove(&(index, Some(place))).unwrap_or_default(),
+                ..filter.clone()
+            };
+            converted.bodies.extend(apart_body(body, geom, &name, context, filter));
         }
-        let has_rest = body.geoms.iter().any(|geom| !geom.is_plane());
+        let has_rest = together().next().is_some();
         // The world itself is a body where it has shapes, or joints hold on it.
         if index > 0 || has_rest || is_held(all, 0) {
             converted.has_world |= index == 0;
@@ -165,7 +184,7 @@ fn loads(all: &[Body<'_>], share: f64) -> Vec<Load> {
 }
 
 /// For each body the first of those that are fixed to each other.
-fn clusters(all: &[Body<'_>]) -> Vec<usize> {
+pub(super) fn clusters(all: &[Body<'_>]) -> Vec<usize> {
     let mut clusters = vec![0; all.len()];
     for (index, body) in all.iter().enumerate().skip(1) {
         clusters[index] = if body.joints.is_empty() { clusters[body.parent] } else { index };
@@ -182,8 +201,8 @@ fn outer_cluster(all: &[Body<'_>], clusters: &[usize], index: usize, options: &O
 
 /// Names what is lost where a body has geoms that collide with different ones.
 fn check_masks(body: &Body<'_>) {
-    let mut masks =
-        body.geoms.iter().filter(|geom| geom.collides()).map(|geom| (geom.text.contact, geom.text.affinity));
+    let together = body.geoms.iter().filter(|geom| geom.collides() && !geom.is_apart());
+    let mut masks = together.map(|geom| (geom.text.contact, geom.text.affinity));
     let Some(first) = masks.next() else { return };
     if masks.any(|other| other != first) {
         let found = "of different geoms are not the same";
@@ -199,34 +218,40 @@ fn check_masks(body: &Body<'_>) {
     }
 }
 
-/// A plane is a body of its own: nothing else is infinite.
-fn plane_body(
+/// A plane is a body of its own, since nothing else is infinite, and a height field, since nothing else has hollows.
+fn apart_body(
     body: &Body<'_>,
-    plane: &Geom<'_>,
+    geom: &Geom<'_>,
     name: &str,
     context: &Context<'_>,
-    filter: &CollisionFilter,
+    filter: CollisionFilter,
 ) -> Option<RigidBody> {
+    let what = if geom.is_field() { "height field" } else { "plane" };
     if !body.is_static {
-        let expected = "planes of bodies that stand still";
-        body.element.error(ProblemKind::Structure, "", "moves, and has a plane", expected, "the plane is left out");
+        let (found, expected) = (format!("moves, and has a {what}"), format!("{what}s of bodies that stand still"));
+        let action = format!("the {what} is left out");
+        body.element.error(ProblemKind::Structure, "", &found, &expected, &action);
         return None;
     }
-    let pose = body.in_world * plane.part.offset;
-    let normal = pose.rotation * Vector3::z();
-    let primitive = Primitive::Plane { normal, offset: normal.dot(&pose.translation.vector) };
+    let pose = body.in_world * geom.part.offset;
     let mut made = still(name, body, context);
-    if plane.collides() && context.options.has_contacts {
-        made.collision = CollisionGeometry::Primitive { primitive: primitive.clone(), offset: None };
-        made.surface = surface(std::iter::once(plane));
-        made.collision_filter =
-            Some(CollisionFilter { kind: plane.text.contact, affinity: plane.text.affinity, ..filter.clone() });
+    if geom.collides() && context.options.has_contacts {
+        made.collision = if geom.is_field() {
+            let parts = vec![Part { geometry: geom.part.geometry.clone(), offset: pose }];
+            CollisionGeometry::Parts { parts, kind: CollisionMeshKind::ConcaveMesh }
+        } else {
+            let normal = pose.rotation * Vector3::z();
+            let primitive = Primitive::Plane { normal, offset: normal.dot(&pose.translation.vector) };
+            CollisionGeometry::Primitive { primitive, offset: None }
+        };
+        made.surface = surface(std::iter::once(geom));
+        made.collision_filter = Some(filter);
     }
-    if plane.is_drawn() {
-        // About its own middle: that of the description has its place.
-        let middle = Primitive::Plane { normal: Vector3::z(), offset: 0.0 };
-        let part = Part { geometry: PartGeometry::Primitive(middle), offset: pose };
-        made.visual.geometry = VisualGeometry::Parts(vec![VisualPart { part, material: plane.material.clone() }]);
+    if geom.is_drawn() {
+        // A plane about its own middle: that of the description has its place.
+        let part = Part { geometry: geom.part.geometry.clone(), offset: pose };
+        made.visual.geometry = VisualGeometry::Parts(vec![VisualPart { part, material: geom.material.clone() }]);
+        made.visual.remove_duplicates = geom.is_field();
     }
     Some(made)
 }
@@ -264,7 +289,7 @@ fn rigid_body(
 ) -> RigidBody {
     let mut made = still(&body.name, body, context);
     made.location = body.in_world;
-    let solid = || body.geoms.iter().filter(|geom| !geom.is_plane());
+    let solid = || body.geoms.iter().filter(|geom| !geom.is_apart());
     let parts: Vec<Part> = solid().filter(|geom| geom.collides()).map(|geom| geom.part.clone()).collect();
     if !parts.is_empty() && context.options.has_contacts {
         // Hulls, as in MuJoCo, also of what stands still.

@@ -1,13 +1,13 @@
 //! Geoms: what collides, what is drawn, what weighs.
 
-use std::collections::HashMap;
 use std::path::PathBuf;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::asset::{Assets, MeshAsset};
+use super::asset::Assets;
 use super::mass::{solid, Mass};
 use super::settings::{choice, finish, z_to, Compiler, BOOLEANS, POSE, SOFT};
+use super::source::written_path;
 use crate::adf::{Axis, Material, Part, PartGeometry, Primitive, ProblemKind};
 use crate::xml::{quoted, Element};
 
@@ -59,6 +59,7 @@ pub(super) struct GeomText<'a> {
     material: Option<&'a str>,
     rgba: Option<[f64; 4]>,
     mesh: Option<&'a str>,
+    field: Option<&'a str>,
 }
 
 impl Default for GeomText<'_> {
@@ -80,6 +81,7 @@ impl Default for GeomText<'_> {
             material: None,
             rgba: None,
             mesh: None,
+            field: None,
         }
     }
 }
@@ -143,6 +145,7 @@ impl<'a> GeomText<'a> {
         self.material = element.attribute("material").or(self.material);
         self.rgba = element.numbers("rgba").or(self.rgba);
         self.mesh = element.attribute("mesh").or(self.mesh);
+        self.field = element.attribute("hfield").or(self.field);
         for name in ["adhesion", "surfacevel"] {
             if element.attribute(name).is_some() {
                 element.ignored(name, "surfaces neither stick nor move here");
@@ -161,6 +164,8 @@ pub(super) struct Geom<'a> {
     pub material: Option<Material>,
     /// In the body's frame; `None`: it weighs nothing, or its volume is not known.
     pub mass: Option<Mass>,
+    /// A `pair` says that it collides.
+    pub is_paired: bool,
 }
 
 impl<'a> Geom<'a> {
@@ -216,10 +221,10 @@ impl<'a> Geom<'a> {
             Kind::Cylinder => Some(Primitive::Cylinder { radius: x, height: 2.0 * y, axis }),
             Kind::Box => Some(Primitive::Box { size: 2.0 * Vector3::new(x, y, z) }),
             Kind::Ellipsoid => Some(Primitive::Ellipsoid { radii: Vector3::new(x, y, z) }),
-            Kind::Mesh => None,
-            Kind::HeightField | Kind::Distance => {
-                let expected = "plane, sphere, capsule, ellipsoid, cylinder, box or mesh";
-                let found = quoted(element.attribute("type").unwrap_or("hfield"));
+            Kind::Mesh | Kind::HeightField => None,
+            Kind::Distance => {
+                let expected = "plane, hfield, sphere, capsule, ellipsoid, cylinder, box or mesh";
+                let found = quoted(element.attribute("type").unwrap_or("sdf"));
                 element.error(ProblemKind::UnknownValue, "type", &found, expected, "the geom is left out");
                 return None;
             }
@@ -234,11 +239,14 @@ impl<'a> Geom<'a> {
                 let shape = solid(&primitive);
                 (PartGeometry::Primitive(primitive), shape)
             }
+            None if text.kind == Kind::HeightField && !is_fitted => {
+                (PartGeometry::Triangles(assets.field(&element, text.field)?), None)
+            }
             None => {
-                let mesh = mesh_of(&element, &text, assets)?;
+                let mesh = assets.mesh(&element, text.mesh)?;
                 let shape = (needs_mass && text.mass != Some(0.0)).then(|| assets.volume(mesh)).flatten();
                 pose *= mesh.in_geom;
-                (PartGeometry::Mesh { path: mesh.path.clone(), scale: mesh.scale }, shape)
+                (mesh.geometry.clone(), shape)
             }
         };
         let part = Part { geometry, offset: outer * pose };
@@ -248,11 +256,16 @@ impl<'a> Geom<'a> {
         }
         let material = assets.material(&element, text.material, text.rgba);
         let mass = shape.map(|shape| weight(shape).placed(&part.offset)).filter(|mass| mass.mass > 0.0);
-        Some(Self { name, text, part, material, mass })
+        Some(Self { name, text, part, material, mass, is_paired: false })
     }
 
     /// Whether it meets anything.
     pub fn collides(&self) -> bool {
+        self.has_masks() || self.is_paired
+    }
+
+    /// Whether it may meet what no `pair` names.
+    pub fn has_masks(&self) -> bool {
         self.text.contact != 0 || self.text.affinity != 0
     }
 
@@ -262,35 +275,27 @@ impl<'a> Geom<'a> {
         self.text.group < HIDDEN_FROM && self.material.as_ref().is_none_or(|material| material.alpha > 0.0)
     }
 
+    /// Whether it is a body of its own here.
+    pub fn is_apart(&self) -> bool {
+        self.is_plane() || self.is_field()
+    }
+
+    /// Whether it is a height field.
+    pub fn is_field(&self) -> bool {
+        self.text.kind == Kind::HeightField && self.text.mesh.is_none()
+    }
+
     pub fn is_plane(&self) -> bool {
         matches!(self.part.geometry, PartGeometry::Primitive(Primitive::Plane { .. }))
     }
 }
 
-fn mesh_of<'m>(element: &Element<'_>, text: &GeomText<'_>, assets: &'m Assets<'_>) -> Option<&'m MeshAsset> {
-    let name = text.mesh.unwrap_or_default();
-    let found = assets.meshes.get(name);
-    match found {
-        Some(Some(mesh)) => Some(mesh),
-        // Reported where it is defined.
-        Some(None) => None,
-        None => {
-            let expected = "the name of a mesh in `asset`";
-            element.error(ProblemKind::UnknownValue, "mesh", &quoted(name), expected, "the geom is left out");
-            None
-        }
-    }
-}
-
-/// Files of meshes by name.
-pub(super) type Meshes = HashMap<String, Option<MeshAsset>>;
-
-/// A path as it may be written in MJCF.
+/// The file of a mesh or height field.
 pub(super) fn mesh_path(file: &str, compiler: &Compiler, folder: &std::path::Path) -> PathBuf {
-    let file = std::path::Path::new(file);
+    let file = written_path(file);
     let file = match compiler.strips_paths {
-        true => file.file_name().map_or(file, std::path::Path::new),
-        false => file,
+        true => file.file_name().map_or(file.as_path(), std::path::Path::new),
+        false => &file,
     };
     match compiler.mesh_folder.as_os_str().is_empty() {
         true => folder.join(file),

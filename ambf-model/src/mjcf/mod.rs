@@ -5,15 +5,18 @@
 //!
 //! ## Limitations
 //! * Constraints are hard: `solref`, `solimp` and their like have no effect.
-//! * Height fields, deformable bodies, spatial tendons, muscles, plugins and textures are left out, and reported.
+//! * Deformable bodies, spatial tendons, muscles, plugins and textures are left out, and reported.
 
 mod actuator;
 mod asset;
 mod body;
 mod classes;
+mod contact;
 mod convert;
+mod field;
 mod geom;
 mod joint;
+mod keyframe;
 mod mass;
 mod relation;
 mod sensor;
@@ -29,7 +32,7 @@ use roxmltree::Document;
 
 pub use source::Surroundings;
 
-use crate::adf::{read_bytes, text_of, Joint as AdfJoint, JointKind, LoadError, Model, ProblemKind, Report, Severity};
+use crate::adf::{read_bytes, text_of, Joint as AdfJoint, JointKind, LoadError, Model, ProblemKind, Report};
 use crate::mesh::Sources;
 use crate::xml::{quoted, Element, File};
 use actuator::{ActuatorText, Drives};
@@ -165,17 +168,13 @@ fn read(source: &Source<'_>, surroundings: Surroundings, path: &Path) -> (Model,
             }
         }
     }
-    let excluded = excluded(&sections("contact"), source, &bodies);
+    let exceptions = contact::read(&sections("contact"), source, &mut bodies);
     let namespace = namespace(&root, path);
     let loops = loops(&equalities, &bodies);
     let context =
-        Context { namespace: &namespace, options: &options, has_loops: !loops.is_empty(), excluded: &excluded };
+        Context { namespace: &namespace, options: &options, has_loops: !loops.is_empty(), exceptions: &exceptions };
     let mut converted = convert(&bodies, &context, &drives, &couplings);
     close(&loops, &bodies, &context, &mut converted);
-    let keyframes = sections("keyframe");
-    for keyframe in keyframes {
-        keyframe.ignored("", "everything starts as the bodies are written");
-    }
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut model = Model {
         bodies: converted.bodies,
@@ -186,6 +185,7 @@ fn read(source: &Source<'_>, surroundings: Surroundings, path: &Path) -> (Model,
     };
     add_views(&mut model, &bodies, &classes, &compiler);
     sensor::add(&mut model, &sections("sensor"), source, &bodies);
+    model.keyframes = keyframe::read(&sections("keyframe"), source, &bodies, &model);
     (model, assets.read.take())
 }
 
@@ -200,63 +200,6 @@ fn scale_to_total(bodies: &mut Bodies<'_>, total: f64) {
             }
         }
     }
-}
-
-/// Pairs of bodies that never collide. What `pair` asks for is named where it is not done.
-fn excluded(sections: &[Element<'_>], source: &Source<'_>, bodies: &Bodies<'_>) -> Vec<(usize, usize)> {
-    let mut excluded = Vec::new();
-    for section in sections {
-        finish(section, &[], &[], &["pair", "exclude"]);
-        for element in source.elements(section) {
-            if element.tag() == "exclude" {
-                finish(&element, &["name", "body1", "body2"], &[], &[]);
-                let body = |key: &'static str| {
-                    let name = element.need(key, "the name of a body");
-                    let found = bodies.by_name.get(name).copied();
-                    if found.is_none() && !name.is_empty() {
-                        let expected = "the name of a body";
-                        element.error(
-                            ProblemKind::UnknownValue,
-                            key,
-                            &quoted(name),
-                            expected,
-                            "the pair is not excluded",
-                        );
-                    }
-                    found
-                };
-                excluded.extend(body("body1").zip(body("body2")));
-            } else if element.tag() == "pair" {
-                let read = ["name", "class", "geom1", "geom2", "condim", "friction", "adhesion"];
-                finish(&element, &read, &[SOFT], &[]);
-                let geom = |key: &'static str| bodies.geoms.get(element.need(key, "the name of a geom")).copied();
-                let masks = |body: usize| {
-                    let geoms = &bodies.all[body].geoms;
-                    geoms.iter().fold((0, 0), |(kind, affinity), geom| {
-                        (kind | geom.text.contact, affinity | geom.text.affinity)
-                    })
-                };
-                let [a, b] = [geom("geom1"), geom("geom2")];
-                let collide = a.zip(b).is_some_and(|(a, b)| {
-                    let (a, b) = (masks(a), masks(b));
-                    a.0 & b.1 != 0 || b.0 & a.1 != 0
-                });
-                if collide {
-                    let action = "the bodies collide as their geoms say, with the friction of these";
-                    element.problem(Severity::Info, ProblemKind::IgnoredKey, "", "", "", action);
-                } else {
-                    element.error(
-                        ProblemKind::IgnoredKey,
-                        "",
-                        "",
-                        "",
-                        "the geoms do not collide: give them `contype` and `conaffinity`",
-                    );
-                }
-            }
-        }
-    }
-    excluded
 }
 
 /// `/ambf/env/` and the name of the model, without blanks, or without a name that of the file.

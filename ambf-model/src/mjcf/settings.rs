@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Unit, UnitQuaternion, Vector3};
 
+use super::source::written_path;
 use crate::adf::{ProblemKind, Severity};
 use crate::xml::{quoted, Element};
 
@@ -144,7 +145,8 @@ impl Compiler {
         self.least_mass = element.real("boundmass").unwrap_or(self.least_mass);
         self.least_moment = element.real("boundinertia").unwrap_or(self.least_moment);
         self.total_mass = element.real("settotalmass").unwrap_or(self.total_mass);
-        let folder = |name| element.attribute(name).map(|folder| file.parent().unwrap_or(Path::new("")).join(folder));
+        let beside = |folder| file.parent().unwrap_or(Path::new("")).join(written_path(folder));
+        let folder = |name| element.attribute(name).map(beside);
         if let Some(folder) = folder("meshdir").or_else(|| folder("assetdir")) {
             self.mesh_folder = folder;
         }

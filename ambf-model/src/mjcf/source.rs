@@ -96,13 +96,19 @@ impl Texts {
     }
 }
 
+/// A path as it may be written in MJCF: also with backslashes between its parts, as in MuJoCo.
+pub(super) fn written_path(text: &str) -> PathBuf {
+    text.replace('\\', "/").into()
+}
+
 /// The file that an `include` names: beside the main file, or else beside the file in which it stands. `None`: reported.
 fn included(element: &Element<'_>, main: &Path, own: &Path, surroundings: Surroundings) -> Option<PathBuf> {
     let name = element.need("file", "the name of a file");
     if name.is_empty() {
         return None;
     }
-    let beside = |file: &Path| file.parent().unwrap_or(Path::new("")).join(name);
+    let name_here = written_path(name);
+    let beside = |file: &Path| file.parent().unwrap_or(Path::new("")).join(&name_here);
     let places = [beside(main), beside(own)];
     let found = places.iter().find(|path| surroundings == Surroundings::Disk && path.is_file());
     if found.is_none() {

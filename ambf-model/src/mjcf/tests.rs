@@ -180,6 +180,53 @@ fn who_collides_with_whom() {
 }
 
 #[test]
+fn pairs_collide_whatever_masks_and_parents_say() {
+    let text = |pairs: &str| {
+        format!(
+            "<mujoco><worldbody><geom name='floor' type='plane' contype='0' conaffinity='0'/><geom name='block' size='1'/>
+               <body name='a'><freejoint/><geom name='a' size='1' contype='0' conaffinity='0'/>
+                 <body name='b'><joint/><geom name='b' size='1'/><geom name='shown' size='1' contype='0' conaffinity='0'/>
+                   <body name='f'><geom name='f' size='1' contype='0' conaffinity='0'/></body></body></body></worldbody>
+             <contact>{pairs}</contact></mujoco>"
+        )
+    };
+    let without = clean(&text(""));
+    assert_eq!(body(&without, "a").collision, CollisionGeometry::None);
+    let model = clean(&text("<pair geom1='floor' geom2='a'/><pair geom1='b' geom2='a'/>"));
+    let filter = |name| body(&model, name).collision_filter.clone().expect("a filter");
+    let (a, b, floor, world) = (filter("a"), filter("b"), filter("floor"), filter("world"));
+    assert_eq!((a.kind, a.affinity, a.included), (0, 0, vec![world.member, b.member]));
+    assert_eq!((b.included, b.outer), (vec![a.member], Some(a.cluster)));
+    // What else stands still has the member number of the floor, but does not list the body.
+    assert_eq!((floor.included, floor.kind, world.included, world.kind), (vec![a.member], 0, vec![], 1));
+    assert!(matches!(&body(&model, "a").collision, CollisionGeometry::Parts { parts, .. } if parts.len() == 1));
+
+    let (model, problems) = read(&text(
+        "<pair geom1='shown' geom2='floor'/><pair geom1='b' geom2='f'/><pair geom1='b' geom2='c'/>
+         <pair geom1='b' geom2='floor' condim='1' friction='2' margin='1'/>",
+    ));
+    for (problem, expected) in problems.iter().zip([
+        "error: `contact / pair / geom1` has neither contype nor conaffinity, unlike other geoms of its body",
+        "info: `contact / pair` is not used; what is fixed to each other does not collide",
+        "error: `contact / pair / geom2` is `c`, expected the name of a geom that is there; the pair is left out",
+        "info: `contact / pair / margin` is not used",
+        "warning: `contact / pair / condim` is not used; the contact has the friction of both bodies",
+        "warning: `contact / pair / friction` is not used",
+    ]) {
+        assert!(problem.contains(expected), "{expected}: {problem}");
+    }
+    assert_eq!(problems.len(), 6, "{problems:#?}");
+    assert_eq!(body(&model, "floor").collision_filter.clone().expect("a filter").included.len(), 1);
+    let two =
+        text("<pair geom1='b' geom2='a'/>").replace("name='shown' size='1' contype='0' conaffinity='0'", "size='1'");
+    let (_, problems) = read(&two);
+    assert!(
+        problems.len() == 1 && problems[0].contains("all geoms of both bodies collide with each other"),
+        "{problems:?}"
+    );
+}
+
+#[test]
 fn inertia_as_written_or_of_the_geoms() {
     let text = |compiler: &str| {
         format!(
@@ -458,7 +505,7 @@ fn generated_names_leave_those_that_the_file_gives() {
 fn what_is_not_known_or_used_is_named_with_its_place() {
     let text = "<mujoco>\n<option timestep='0.01' integrator='RK4' wind='1 0 0'/>\n<worldbody>\n<body name='a' posi='1 2 3'><freejoint/>\n\
                 <geom size='1' class='none'/><geom type='mesh' mesh='m'/><geom size='0'/><blob/></body></worldbody>\n\
-                <tendon><spatial/></tendon>\n<keyframe><key/></keyframe></mujoco>";
+                <tendon><spatial/></tendon>\n<keyframe><key ctrl='1'/></keyframe></mujoco>";
     let (_, problems) = read(text);
     for expected in [
         "dir/t.xml:2:9: info: `option / timestep` is not used",
@@ -470,7 +517,7 @@ fn what_is_not_known_or_used_is_named_with_its_place() {
         "geom / size` is [0.0], expected 1 lengths above 0; the geom is left out",
         "`worldbody / body a / blob` is not known",
         "dir/t.xml:6:9: error: `tendon / spatial` is not used; only fixed tendons are read",
-        "dir/t.xml:7:1: warning: `keyframe` is not used",
+        "dir/t.xml:7:16: info: `keyframe / key / ctrl` is not used; commands are not part of a state",
     ] {
         assert!(problems.iter().any(|problem| problem.contains(expected)), "{expected}: {problems:#?}");
     }
@@ -513,8 +560,8 @@ fn included_files_and_meshes() {
     );
     let main = write(
         "m.xml",
-        "<mujoco><compiler meshdir='parts'/><asset><mesh file='t.obj' scale='2 2 -2'/></asset>
-         <worldbody><include file='parts/body.xml'/></worldbody></mujoco>",
+        "<mujoco><compiler meshdir='.\\parts'/><asset><mesh file='.\\t.obj' scale='2 2 -2'/></asset>
+         <worldbody><include file='parts\\body.xml'/></worldbody></mujoco>",
     );
     let text = std::fs::read_to_string(&main).expect("read");
     let (model, report, sources) = parse_with_files(&text, &main, Surroundings::Disk).expect("read");
@@ -546,4 +593,168 @@ fn bodies_in_bodies_without_end() {
     let (model, report) = parse(&text, Path::new("t.xml"), Surroundings::Nothing).expect("read");
     assert_eq!((model.bodies.len(), model.joints.len()), (depth + 1, depth));
     assert!(report.to_string().len() < 1000);
+}
+
+/// The corner of a cube: 1/6 m³ at scale 1, with its surface looking outwards.
+const CORNER: &str = "vertex='0 0 0 1 0 0 0 1 0 0 0 1' face='0 2 1 0 1 3 1 2 3 2 0 3'";
+
+#[test]
+fn meshes_whose_vertices_are_in_the_text() {
+    let text = |mesh: &str| {
+        format!(
+            "<mujoco><asset><mesh name='m' {mesh}/></asset>
+             <worldbody><body name='b'><freejoint/><geom type='mesh' mesh='m' pos='0 0 5'/></body></worldbody></mujoco>"
+        )
+    };
+    let model = clean(&text(&format!("{CORNER} scale='2 2 -2' refpos='1 0 0'")));
+    let b = body(&model, "b");
+    assert!((b.mass - 8000.0 / 6.0).abs() < 1e-9, "{}", b.mass);
+    let centre = b.inertial_offset.expect("given").translation.vector;
+    assert!((centre - Vector3::new(0.5 - 2.0, 0.5, 5.0 - 0.5)).norm() < 1e-12, "{centre}");
+    let CollisionGeometry::Parts { parts, .. } = &b.collision else { panic!("{:?}", b.collision) };
+    let PartGeometry::Triangles(mesh) = &parts[0].geometry else { panic!("{parts:?}") };
+    assert_eq!((mesh.vertex_count(), mesh.triangle_count()), (4, 4));
+    let surface = &mesh.sub_meshes[0];
+    assert_eq!(
+        crate::mesh::enclosed_volume(&surface.vertices, &surface.triangles).map(|v| (v * 6.0).round()),
+        Some(8.0)
+    );
+
+    let with_mass = |mesh: &str| text(mesh).replace("pos='0 0 5'", "mass='0'/><geom size='1'");
+    let (model, problems) = read(&with_mass("vertex='0 0 0 1 0 0 0 1 0 0 0 1'"));
+    assert!(problems.len() == 1 && problems[0].contains("it collides as the hull of its vertices"), "{problems:?}");
+    assert!(matches!(&body(&model, "b").collision, CollisionGeometry::Parts { parts, .. } if parts.len() == 2));
+    for (mesh, expected) in [
+        ("", "mesh m / vertex` is absent, as `file` is, expected three numbers each vertex, or a file"),
+        ("vertex='0 0'", "mesh m / vertex` is 2 numbers, expected three numbers each vertex"),
+        (
+            "vertex='0 0 0' face='0 0 1'",
+            "mesh m / face` is 3 numbers, expected three indices each triangle, from 0 to 0",
+        ),
+        ("vertex='0 0 0' face='0 -1 0'", "expected three indices each triangle"),
+        ("vertex='0 0 0' face='0 0.5 0'", "expected three indices each triangle"),
+        ("vertex='0 0 0' face='0 0'", "is 2 numbers, expected three indices each triangle"),
+    ] {
+        let (model, problems) = read(&with_mass(mesh));
+        assert!(problems.len() == 1 && problems[0].contains(expected), "{expected}: {problems:?}");
+        assert!(problems[0].contains("geoms that use the mesh are left out"), "{problems:?}");
+        assert!(matches!(&body(&model, "b").collision, CollisionGeometry::Parts { parts, .. } if parts.len() == 1));
+    }
+}
+
+#[test]
+fn height_fields_are_bodies_of_their_own() {
+    let text = |field: &str, rest: &str| {
+        format!(
+            "<mujoco><asset><hfield name='h' {field}/></asset><worldbody><geom name='box' type='box' size='1 1 1'/>
+               <body name='hill' pos='0 0 1'><geom type='hfield' hfield='h' pos='0 1 0' contype='2' rgba='0 1 0 1'/></body>{rest}</worldbody></mujoco>"
+        )
+    };
+    let size = "size='2 1 3 0.5'";
+    let model = clean(&text(&format!("nrow='2' ncol='3' elevation='1 2 3 4 5 7' {size}"), ""));
+    let field = body(&model, "hill_hfield0");
+    assert_eq!((field.mass, field.collision_filter.as_ref().map(|filter| filter.kind)), (0.0, Some(2)));
+    let CollisionGeometry::Parts { parts, kind } = &field.collision else { panic!("{:?}", field.collision) };
+    assert_eq!(*kind, crate::adf::CollisionMeshKind::ConcaveMesh, "not its hull");
+    assert_eq!(parts[0].offset.translation.vector, Vector3::new(0.0, 1.0, 1.0));
+    let PartGeometry::Triangles(mesh) = &parts[0].geometry else { panic!("{parts:?}") };
+    assert_eq!(mesh.sub_meshes[0].vertices[2], [2.0, -1.0, 3.0], "the first row of the text is that of the largest y");
+    assert!(matches!(&field.visual.geometry, VisualGeometry::Parts(drawn) if drawn[0].part == parts[0]));
+    assert_eq!(body(&model, "hill").collision, CollisionGeometry::None);
+    let flat = clean(&text(&format!("nrow='2' ncol='2' {size}"), ""));
+    assert!(flat.bodies.iter().any(|body| body.common.identifier == "BODY hill_hfield0"));
+
+    // A few letters don't ask for more than one large one.
+    let large = format!("nrow='2000' ncol='2000' {size}/><hfield name='g' nrow='2000' ncol='2000' {size}");
+    let (_, problems) = read(&text(&large, "<geom type='hfield' hfield='h'/>"));
+    assert!(problems.len() == 2 && problems[0].contains("`asset / hfield g / nrow` is of 2000 rows"), "{problems:?}");
+    let expected = "geom / hfield` is one height field too many, expected 10000000 triangles of all of them";
+    assert!(problems[1].contains(expected), "{problems:?}");
+    for (field, rest, expected) in [
+        (
+            format!("nrow='2' ncol='3' elevation='1 2' {size}"),
+            "",
+            "hfield h / nrow` is 2 elevations, expected 2 times 3",
+        ),
+        (
+            format!("nrow='1e9' ncol='1e9' {size}"),
+            "",
+            "is of 1000000000 rows and 1000000000 columns, expected 2 or more",
+        ),
+        (size.to_owned(), "", "hfield h / nrow` is of 0 rows and 0 columns"),
+        (
+            "nrow='2' ncol='2' size='1 1 0 1'".to_owned(),
+            "",
+            "hfield h / size` is `1 1 0 1`, expected four lengths above 0",
+        ),
+        (
+            format!("file='h.bin' {size}"),
+            "",
+            "hfield h / file` is a file that is not there, expected a file; geoms that use",
+        ),
+        (
+            format!("nrow='2' ncol='2' {size}"),
+            "<body name='m'><freejoint/><geom size='1'/><geom type='hfield' hfield='h'/></body>",
+            "moves, and has a height field; the height field is left out",
+        ),
+        (
+            format!("nrow='2' ncol='2' {size}"),
+            "<geom type='hfield' hfield='g'/>",
+            "geom / hfield` is `g`, expected the name of a hfield in `asset`; the geom is left out",
+        ),
+    ] {
+        let (_, problems) = read(&text(&field, rest));
+        assert!(problems.len() == 1 && problems[0].contains(expected), "{expected}: {problems:?}");
+    }
+}
+
+/// Numbers are in the order of the joints in the file: a body, then what hangs on it.
+#[test]
+fn keyframes_are_states_of_joints_and_free_bodies() {
+    let text = |keys: &str| {
+        format!(
+            "<mujoco><worldbody>
+               <body name='f' pos='0 0 1'><freejoint/><geom size='0.1' pos='0.5 0 0'/>
+                 <body name='a'><joint name='x' type='slide' axis='1 0 0'/><joint name='y' axis='0 1 0' stiffness='1'/><geom size='0.1'/></body>
+               </body>
+               <body name='b'><joint name='z' type='ball'/><geom size='0.1'/></body><body name='c'><joint name='w' ref='90' range='0 90'/><geom size='0.1'/></body>
+             </worldbody><keyframe>{keys}</keyframe></mujoco>"
+        )
+    };
+    let model = clean(&text(
+        "<key name='home' qpos='1 2 3 0 0 0 2 0.4 0.5 1 0 0 0 0.6' qvel='0 0 0 0 0 1 7 8 0 0 0 9'/>
+         <key qvel='1 0 0 0 0 0 0 0 0 0 0 0'/>",
+    ));
+    let joints = |values: &[(usize, f64)]| -> Vec<(String, f64)> {
+        values.iter().map(|&(index, value)| (model.joints[index].common.name.clone(), value)).collect()
+    };
+    let expected = |[x, y, w]: [f64; 3]| vec![("x".to_owned(), x), ("y".to_owned(), y), ("w".to_owned(), w)];
+    let [home, moving] = &model.keyframes[..] else { panic!("{:?}", model.keyframes) };
+    assert_eq!((home.name.as_str(), moving.name.as_str()), ("home", "1"));
+    assert_eq!(joints(&home.positions), expected([0.4, 0.5, 0.6]), "rad and m, with `ref`, as MuJoCo's");
+    assert_eq!(joints(&home.rates), expected([7.0, 8.0, 9.0]));
+    let [(index, pose)] = home.poses[..] else { panic!("{:?}", home.poses) };
+    assert_eq!(model.bodies[index].common.identifier, "BODY f");
+    assert_eq!(pose.translation.vector, Vector3::new(1.0, 2.0, 3.0));
+    assert!((pose * Point3::new(1.0, 0.0, 0.0) - Point3::new(0.0, 2.0, 3.0)).norm() < 1e-15, "half a turn about z");
+    // Of the body frame in the file, of the centre of mass here, which is at -0.5 m along x after half a turn.
+    let (_, [linear, angular]) = home.twists[0];
+    assert!((linear - Vector3::new(0.0, -0.5, 0.0)).norm() < 1e-15 && angular == Vector3::z(), "{linear} {angular}");
+    assert_eq!((&moving.positions[..], &moving.poses[..], moving.twists[0].1[0]), (&[][..], &[][..], Vector3::x()));
+    assert_eq!(model.bodies, clean(&text("")).bodies, "the start is that of the bodies");
+
+    let (model, problems) = read(&text(
+        "<key name='short' qpos='1 2 3'/><key name='turned' qpos='1 2 3 1 0 0 0 0 0 0 1 0 0 -1e-3' mpos='1 2 3'/>",
+    ));
+    assert_eq!(model.keyframes.len(), 1);
+    assert_eq!(model.keyframes[0].positions.last().map(|(_, position)| *position), Some(0.0));
+    for (problem, expected) in problems.iter().zip([
+        "error: `keyframe / key short / qpos` is 3 numbers, expected 14, those of all joints; the key is left out",
+        "info: `keyframe / key turned / mpos` is not used",
+        "warning: `keyframe / key turned / qpos` is not used; the ball joint z has no coordinate, and stays as it is",
+        "warning: `keyframe / key turned / qpos` is -0.001 for w, expected its limits, 0 to 1.57079632",
+    ]) {
+        assert!(problem.contains(expected), "{expected}: {problem}");
+    }
+    assert_eq!(problems.len(), 4, "{problems:#?}");
 }

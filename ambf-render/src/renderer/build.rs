@@ -42,6 +42,9 @@ fn placed(primitive: &adf::Primitive, offset: &Isometry3<f64>) -> (MeshRequest, 
 fn part_request(part: &adf::Part, remove_duplicates: bool) -> (MeshRequest, Matrix4<f64>) {
     match &part.geometry {
         adf::PartGeometry::Primitive(primitive) => placed(primitive, &part.offset),
+        adf::PartGeometry::Triangles(mesh) => {
+            (MeshRequest::triangles(mesh, remove_duplicates), part.offset.to_homogeneous())
+        }
         adf::PartGeometry::Mesh { path, scale } => {
             (MeshRequest::file(path, remove_duplicates), part.offset.to_homogeneous() * scaling(scale))
         }

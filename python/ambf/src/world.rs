@@ -1,5 +1,6 @@
 //! A simulation and its arrays.
 
+use std::collections::HashMap;
 use std::panic::{catch_unwind, resume_unwind, AssertUnwindSafe};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -89,6 +90,9 @@ struct Clock {
 
 /// Of a joint that follows others: its index, those of its leaders with their ratios, and the offset.
 type CouplingRow = (usize, Vec<(usize, f64)>, f64);
+
+/// A state that a file names: its name; indices and values of joint positions, joint velocities, poses and twists.
+type KeyframeRow = (String, Vec<(usize, f64)>, Vec<(usize, f64)>, Vec<(usize, [f64; 7])>, Vec<(usize, [f64; 6])>);
 
 /// A world that is simulated; see `_ambf.pyi`.
 #[pyclass(frozen, weakref, module = "ambf._ambf")]
@@ -378,6 +382,12 @@ impl World {
     pub fn ids(&self) -> (Vec<BodyId>, &[JointId]) {
         (self.rows.iter().map(|row| row.id).collect(), &self.joint_ids)
     }
+}
+
+/// Position, m, and quaternion x, y, z, w.
+fn numbers_of(pose: &Isometry3<f64>) -> [f64; 7] {
+    let (at, turn) = (pose.translation.vector, pose.rotation.coords);
+    [at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w]
 }
 
 /// Whether neither the body nor its model has left the scene.
@@ -978,6 +988,26 @@ impl World {
             };
             coupled.map(|(id, coupling)| (id.index(), leaders(coupling), coupling.offset)).collect()
         })
+    }
+
+    #[getter]
+    fn keyframes(&self, py: Python<'_>) -> PyResult<Vec<KeyframeRow>> {
+        let places: HashMap<JointId, usize> =
+            self.joint_ids.iter().enumerate().map(|(place, id)| (*id, place)).collect();
+        let joints = |values: Vec<(JointId, f64)>| -> Vec<(usize, f64)> {
+            values.into_iter().filter_map(|(id, value)| Some((*places.get(&id)?, value))).collect()
+        };
+        // Bodies without a State have no row.
+        let row = |body: BodyId| usize::try_from(self.row_of(body)).ok();
+        let frames = self.with(py, |physics| physics.stepper.simulation().scene().keyframes())?;
+        let row_of = |(name, StateChange { positions, rates, poses, twists }): (String, StateChange)| {
+            let poses = poses.into_iter().filter_map(|(body, pose)| Some((row(body)?, numbers_of(&pose))));
+            let twists = twists.into_iter().filter_map(|(body, [linear, angular])| {
+                Some((row(body)?, [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]))
+            });
+            (name, joints(positions), joints(rates), poses.collect(), twists.collect())
+        };
+        Ok(frames.into_iter().map(row_of).collect())
     }
 
     fn save(&self, py: Python<'_>) -> PyResult<State> {

@@ -730,6 +730,54 @@ class States(unittest.TestCase):
                     sim.set_state(joint_positions={sim.joints[lead]: 0.3})
                     np.testing.assert_allclose(world.joint_positions, (0.3, -0.28), atol=1e-9)
 
+    def test_keyframes(self):
+        """States that a file names can be set; those of two models with the same name are one."""
+        text = """<mujoco model="{0}"><worldbody>
+          <body name="box" pos="0 0 {1}"><freejoint/><geom type="box" size="0.1 0.1 0.1"/></body>
+          <body name="arm" pos="2 0 {1}"><joint name="{0}_hinge" axis="0 1 0"/><geom type="box" size="0.1 0.1 0.1" pos="0.5 0 0"/></body>
+          </worldbody><keyframe><key name="home" qpos="1 0 {1} 1 0 0 0 0.25" qvel="0 0 1 0 0 2 3"/>{2}</keyframe></mujoco>"""
+        with tempfile.TemporaryDirectory() as folder:
+            files = [pathlib.Path(folder) / name for name in ("a.xml", "b.xml")]
+            files[0].write_text(text.format("a", 1, '<key name="low" qpos="0 0 0.5 1 0 0 0 -0.5"/>'))
+            files[1].write_text(text.format("b", 3, ""))
+            with ambf.Simulation(files) as sim:
+                self.assertEqual(sorted(sim.keyframes), ["home", "low"])
+                np.testing.assert_allclose(sim.joint_positions, 0, atol=1e-4, err_msg="the start is that of the bodies")
+                sim.set_state(**sim.keyframes["home"])
+                np.testing.assert_allclose(sim.joint_positions, 0.25)
+                np.testing.assert_allclose(sim.joint_velocities, 3)
+                boxes = [sim.body(f"{model}/box") for model in "ab"]
+                np.testing.assert_allclose([box.pose[:3] for box in boxes], [[1, 0, 1], [1, 0, 3]])
+                np.testing.assert_allclose([box.twist for box in boxes], [[0, 0, 1, 0, 0, 2]] * 2)
+                sim.set_state(**sim.keyframes["low"])
+                np.testing.assert_allclose(sim.joint_positions, [-0.5, 0.25])
+                np.testing.assert_allclose(boxes[1].pose[:3], [1, 0, 3])
+
+    def test_pairs_and_height_fields(self):
+        """What a pair names collides although masks and parents say otherwise; a field has hollows, and the height of its elevations."""
+        text = """<mujoco><asset><hfield name="h" nrow="3" ncol="3" elevation="1 1 1 1 0 1 1 1 1" size="1 1 0.5 0.1"/></asset><worldbody>
+          <geom name="h" type="hfield" hfield="h" contype="0" conaffinity="0"/>
+          <body name="ball" pos="0.01 0 1"><freejoint/><geom name="ball" size="0.1" contype="0" conaffinity="0"/></body>
+          <body name="other" pos="0.01 0 2"><freejoint/><geom name="other" size="0.1"/></body>
+          <body name="table" pos="5 0 2"><joint axis="0 0 1"/><geom name="table" type="box" size="0.2 0.2 0.2"/>
+            <body name="lid" pos="0 0 0.5"><joint type="slide" axis="0 0 1"/><geom name="lid" size="0.1"/></body></body>
+          </worldbody><contact>{}</contact></mujoco>"""
+        pairs = '<pair geom1="h" geom2="ball"/><pair geom1="lid" geom2="table"/>'
+        with tempfile.TemporaryDirectory() as folder:
+            for has_pairs in (False, True):
+                path = pathlib.Path(folder) / f"{has_pairs}.xml"
+                path.write_text(text.format(pairs if has_pairs else ""))
+                with ambf.Simulation(path) as sim:
+                    sim.step(2000)
+                    ball, other, lid = (sim.body(name).pose[2] for name in ("ball", "other", "lid"))
+                    self.assertLess(other, -1, "it has no pair")
+                    if not has_pairs:
+                        self.assertTrue(ball < -1 and lid < 1.9, f"{ball} {lid}")
+                    else:
+                        # The hollow is a pyramid, in which the ball touches four sides.
+                        self.assertTrue(0.1 <= ball < 0.15, ball)
+                        self.assertAlmostEqual(lid, 2.3, 2)
+
     def test_constants(self):
         """Masses, inertias, limits and types are those of the file."""
         with arm() as sim:

@@ -36,7 +36,7 @@ pub fn mesh_files(folder: &Path) -> Vec<PathBuf> {
     for entry in folder.read_dir().expect("readable folder").map(|e| e.expect("readable entry").path()) {
         if entry.is_dir() {
             found.extend(mesh_files(&entry));
-        } else if ["stl", "obj", "3ds", "dae", "ply", "gltf", "glb"].contains(&format_of(&entry).as_str()) {
+        } else if ["stl", "obj", "3ds", "dae", "ply", "gltf", "glb", "msh"].contains(&format_of(&entry).as_str()) {
             found.push(entry);
         }
     }

@@ -234,6 +234,29 @@ class Simulation(Arrays):
         )
         """Joints that follow others."""
 
+    @property
+    def keyframes(self) -> Dict[str, Dict[str, Array]]:
+        """States that files name (`keyframe` of MJCF), by name: arrays as `set_state` takes them, NaN where a state says nothing.
+        `set_state(**sim.keyframes["home"])`. Those of the same name in several models are one.
+        """
+        made: Dict[str, Dict[str, Array]] = {}
+        for name, positions, velocities, poses, twists in self._world.keyframes:
+            state = made[name] = {
+                "joint_positions": np.full(len(self.joints), np.nan),
+                "joint_velocities": np.full(len(self.joints), np.nan),
+                "poses": np.full((len(self.bodies), 7), np.nan),
+                "twists": np.full((len(self.bodies), 6), np.nan),
+            }
+            for index, number in positions:
+                state["joint_positions"][index] = number
+            for index, number in velocities:
+                state["joint_velocities"][index] = number
+            for index, numbers in poses:
+                state["poses"][index] = numbers
+            for index, numbers in twists:
+                state["twists"][index] = numbers
+        return made
+
     def _read_parameters(self) -> None:
         """Shows the present parameters in arrays that can't be written."""
         for name, numbers in split_parameters(*self._world.parameters()).items():
