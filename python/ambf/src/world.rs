@@ -384,12 +384,6 @@ impl World {
     }
 }
 
-/// Position, m, and quaternion x, y, z, w.
-fn numbers_of(pose: &Isometry3<f64>) -> [f64; 7] {
-    let (at, turn) = (pose.translation.vector, pose.rotation.coords);
-    [at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w]
-}
-
 /// Whether neither the body nor its model has left the scene.
 fn is_there(scene: &Scene, body: &Body) -> bool {
     !body.removed && scene.models.get(body.identity.model).is_none_or(|model| !model.removed)
@@ -1001,7 +995,7 @@ impl World {
         let row = |body: BodyId| usize::try_from(self.row_of(body)).ok();
         let frames = self.with(py, |physics| physics.stepper.simulation().scene().keyframes())?;
         let row_of = |(name, StateChange { positions, rates, poses, twists }): (String, StateChange)| {
-            let poses = poses.into_iter().filter_map(|(body, pose)| Some((row(body)?, numbers_of(&pose))));
+            let poses = poses.into_iter().filter_map(|(body, pose)| Some((row(body)?, tree::seven(&pose))));
             let twists = twists.into_iter().filter_map(|(body, [linear, angular])| {
                 Some((row(body)?, [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]))
             });
