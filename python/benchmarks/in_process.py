@@ -32,6 +32,8 @@ from ambf_gym.tasks import make_reach, reach
 
 WORLDS = (1, 2, 4, 8)
 STEPS = (1, 10)
+# Worlds of the task alone.
+MANY = (64, 256)
 ROUND_S = 0.25
 # Processes that take all cores, a core.
 BUSY = 4
@@ -91,11 +93,12 @@ def under(cores: int, busy: int, worlds: tuple[int, ...], rounds: int, *extra: s
 def conditions(rounds: int) -> list[Any]:
     """All that are measured; the first is all cores with nothing beside them."""
     cores = len(os.sched_getaffinity(0))
-    found = [under(cores, 0, WORLDS, rounds, "--all")]
+    found = [under(cores, 0, WORLDS, rounds, "--all", "--many", *map(str, MANY))]
     for count in sorted({cores, 1}, reverse=True):
         for busy in (0, BUSY * count):
             if (count, busy) != (cores, 0):
-                found.append(under(count, busy, (2, WORLDS[-1]), rounds))
+                many = () if busy else ("--many", *MANY)
+                found.append(under(count, busy, (2, WORLDS[-1]), rounds, *map(str, many)))
     return found
 
 
@@ -132,12 +135,14 @@ def physics(found: list[Any]) -> list[str]:
 def reaching(found: list[Any], rounds: int) -> list[str]:
     """Tables of the environment."""
     lanes = list(found[0]["reach"][str(WORLDS[0])])
-    lines = [f"| | worlds | {' | '.join(lanes)} | ambf/best other |", "|" + "---|" * (3 + len(lanes))]
+    lines = [f"| | worlds | {' | '.join(lanes)} | best of ours/best other |", "|" + "---|" * (3 + len(lanes))]
     for condition in found:
         for worlds, row in condition["reach"].items():
-            others = [row[name] for name in lanes[1:]]
-            best = ratio(row["ambf"], max(others, key=lambda value: value[1])) if others else ""
-            cells = " | ".join(rate(row[name]) for name in lanes)
+            own, others = [], []
+            for name, value in row.items():
+                (own if name.startswith("ambf") else others).append(value)
+            best = ratio(*(max(values, key=lambda value: value[1]) for values in (own, others))) if others else ""
+            cells = " | ".join(rate(row[name]) if name in row else "" for name in lanes)
             lines.append(f"| {name_of(condition)} | {worlds} | {cells} | {best} |")
     made = {"alone": (environment(make_reach(in_process=True)), 1), "over ROS": (environment(make_reach("ros")), 1)}
     single = measure({name: (lane, factor) for name, ((lane, _), factor) in made.items()}, rounds)

@@ -1,12 +1,15 @@
-"""What many worlds cost under one condition: worlds.py [--cores N] [--busy N] [--worlds N]… [--rounds N] [--all]. in_process.py starts it.
+"""What many worlds cost under one condition; in_process.py starts it.
+
+worlds.py [--cores N] [--busy N] [--worlds N]… [--many N]… [--rounds N] [--all]
 
 * physics steps a second of an arm of seven joints: worlds of ours stepped at once and one after the other, those of pybullet in a process
   each;
 * steps a second of a vectorised reach task: ours, and the same task in pybullet and MuJoCo, as Gymnasium's vector environments in one
   process and in a process a world (reach_peers.py).
 
-`--cores`: only so many of the machine are used, by all; `--busy`: as many endless loops run beside it; `--all`: profile legacy, too. Lanes
-take turns in short rounds. Prints one object of JSON: percentiles 10, 50 and 90 of the rounds of each lane.
+`--many`: numbers of worlds of which only the task is measured. `--cores`: only so many of the machine are used, by all; `--busy`: as many
+endless loops run beside it; `--all`: profile legacy, too. Lanes take turns in short rounds. Prints one object of JSON: percentiles 10, 50
+and 90 of the rounds of each lane.
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ from typing import Any, Callable
 
 import ambf
 import numpy as np
-from ambf_gym import InProcessVectorEnv
+from ambf_gym import InProcessVectorEnv, Worlds
 from ambf_gym.scene import resources
 from ambf_gym.tasks import reach
 
@@ -127,6 +130,26 @@ def environments(worlds: int) -> tuple[Lane, Callable[[], None]]:
     return run, env.close
 
 
+def batch(worlds: int) -> tuple[Lane, Callable[[], None]]:
+    """The same in one `ambf.Batch`."""
+    env = Worlds(reach.SCENE, reach.TASK, worlds)
+    env.reset(seeds=range(worlds))
+    rng = np.random.default_rng(0)
+    low, high = env.action_space.low, env.action_space.high
+
+    def run(calls: int) -> float:
+        actions = rng.uniform(low, high, (calls, worlds, len(low)))
+        begin = time.perf_counter()
+        for action in actions:
+            _, _, terminated, truncated, _ = env.step(action)
+            ended = terminated | truncated
+            if ended.any():
+                env.reset(ended)
+        return time.perf_counter() - begin
+
+    return run, env.close
+
+
 def measure(lanes: dict[str, tuple[Lane, int]], rounds: int) -> dict[str, list[float]]:
     """Percentiles 10, 50 and 90 of each lane's rate: calls a second times its factor."""
     calls: dict[str, int] = {}
@@ -163,19 +186,21 @@ def physics(worlds: int, rounds: int, profiles: tuple[str, ...]) -> dict[int, An
 
 
 def reaching(worlds: int, rounds: int) -> dict[str, Any]:
-    """Rates of the environment."""
+    """Rates of the environment; of more than 8 worlds only ours in a batch and the fastest other one."""
     python = os.environ.get("AMBF_PEERS_PYTHON")
-    own, close = environments(worlds)
-    lanes: dict[str, tuple[Lane, int]] = {"ambf": (own, worlds)}
+    few = worlds <= 8
+    own = {"ambf batch": batch(worlds), **({"ambf": environments(worlds)} if few else {})}
+    lanes: dict[str, tuple[Lane, int]] = {name: (lane, worlds) for name, (lane, _) in own.items()}
     peers: list[Peer] = []
-    for library in ("pybullet", "mujoco") if python else ():
+    for library in (("pybullet", "mujoco") if few else ("mujoco",)) if python else ():
         # The last version 3 of MuJoCo, see scripts/peers.
         older = {"PYTHONPATH": os.environ.get("AMBF_PEERS_MUJOCO3", "")} if library == "mujoco" else {}
-        for way in ("sync", "async"):
+        for way in ("sync", "async") if few else ("sync",):
             peers.append(Peer(str(python), "reach_peers.py", library, way, worlds, resources() / MODEL, **older))
             lanes[f"{library} {way}"] = (of_peers(peers[-1:]), worlds)
     found = measure(lanes, rounds)
-    close()
+    for _, close in own.values():
+        close()
     for peer in peers:
         peer.close()
     return found
@@ -187,6 +212,7 @@ def main() -> None:
     parser.add_argument("--cores", type=int)
     parser.add_argument("--busy", type=int, default=0)
     parser.add_argument("--worlds", type=int, nargs="+", default=[2, 8])
+    parser.add_argument("--many", type=int, nargs="*", default=[])
     parser.add_argument("--rounds", type=int, default=6)
     parser.add_argument("--all", action="store_true")
     chosen = parser.parse_args()
@@ -199,7 +225,7 @@ def main() -> None:
         profiles = ("accurate", "legacy") if chosen.all else ("accurate",)
         found: dict[str, Any] = {"cores": len(os.sched_getaffinity(0)), "busy": chosen.busy, "load": load}
         found["physics"] = {worlds: physics(worlds, chosen.rounds, profiles) for worlds in chosen.worlds}
-        found["reach"] = {worlds: reaching(worlds, chosen.rounds) for worlds in chosen.worlds}
+        found["reach"] = {worlds: reaching(worlds, chosen.rounds) for worlds in (*chosen.worlds, *chosen.many)}
         print(json.dumps(found))
     finally:
         for loop in loops:
