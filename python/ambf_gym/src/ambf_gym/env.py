@@ -96,6 +96,9 @@ class Task:
     """Physics iterations between a reset and the first observation, 1 or more."""
     bodies: Sequence[str] = ()
     """Bodies whose state the functions need besides those that are observed."""
+    of_arrays: bool = False
+    """`reward`, `terminated` and `info` compute along the last axis of what they are given. `Worlds` then calls them once for all
+    worlds, with states, actions, goals and steps that have an axis of worlds in front."""
 
 
 class SimulatorEnv(gymnasium.Env[Any, Any]):

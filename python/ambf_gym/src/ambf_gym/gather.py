@@ -144,7 +144,7 @@ def _places(part: Any, finder: Finder) -> Tuple[Any, Any]:
 
 
 class SeenBody(BodyState):
-    """A body in a flat array: its numbers are taken out of it when they are asked for."""
+    """A body in a flat array: its numbers are taken out of it when they are asked for. Of an array of worlds they are arrays of worlds."""
 
     def __init__(self, flat: Array, layout: Layout, row: int, joints: Sequence[Tuple[str, int]]) -> None:
         self.__dict__["_of"] = (flat, layout, row, joints)
@@ -155,12 +155,14 @@ class SeenBody(BodyState):
 
     def _part(self, first: int, count: int) -> Array:
         flat: Array = self.__dict__["_of"][0]
-        part: Array = flat[first : first + count].copy()
+        part: Array = flat[..., first : first + count].copy()
         return part
 
     def _joints(self, kind: int) -> Dict[str, float]:
         flat, layout, _, joints = self.__dict__["_of"]
-        return {name: float(flat[layout.joint(kind, column)]) for name, column in joints}
+        if flat.ndim == 1:
+            return {name: float(flat[layout.joint(kind, column)]) for name, column in joints}
+        return {name: flat[..., layout.joint(kind, column)] for name, column in joints}
 
     @cached_property
     def position(self) -> Array:

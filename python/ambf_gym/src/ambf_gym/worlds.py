@@ -91,7 +91,7 @@ class Worlds:
         batch.reset()
         batch.step(1)
         self._start = self._flat()
-        self._states: List[States] = self._all_states(self._start)
+        self._states: Any = self._all_states(self._start)
 
     def reset(
         self, mask: Optional[Mask] = None, seeds: Optional[Sequence[Optional[int]]] = None
@@ -134,8 +134,11 @@ class Worlds:
         self._steps[chosen] = 0
         self._first_steps[chosen] = self._counts[chosen]
         self._ready[chosen] = True
-        for i in np.flatnonzero(chosen).tolist():
-            self._states[i] = self._state(flat[i], i)
+        if self._task.of_arrays:
+            self._states = self._all_states(flat)
+        else:
+            for i in np.flatnonzero(chosen).tolist():
+                self._states[i] = self._state(flat[i], i)
         return self._observe(flat)
 
     def step(self, actions: Any) -> Outcome:
@@ -157,25 +160,42 @@ class Worlds:
         flat = self._flat()
         before, self._states = self._states, self._all_states(flat)
         self._steps += 1
-        rewards = np.zeros(self.num_envs)
-        terminated, truncated = np.zeros(self.num_envs, dtype=bool), self._steps >= self.max_episode_steps
-        infos: List[Info] = []
+        truncated = self._steps >= self.max_episode_steps
+        iterations = ((self._counts - self._first_steps) % 2**32).tolist()
+        infos: List[Info] = [{"iterations": n, "clipped": c} for n, c in zip(iterations, clipped.tolist())]
         lost = self.batch.problems() if self.batch.lost.any() else {}
+        if self._task.of_arrays:
+            rewards, terminated = self._judge_all(before, applied, infos)
+        else:
+            rewards, terminated = self._judge_each(before, applied, infos, lost)
+        for i, problem in lost.items():
+            infos[i]["lost"] = problem
+            rewards[i], terminated[i] = 0.0, True
+        return self._observe(flat), rewards, terminated, truncated & ~terminated, infos
+
+    def _judge_each(self, before: Any, applied: Array, infos: List[Info], lost: Any) -> Tuple[Array, Mask]:
+        """Rewards and whether episodes have ended; adds to `infos`. Nothing is asked of worlds that are lost."""
+        rewards, terminated = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=bool)
         for i in range(self.num_envs):
-            info: Info = {
-                "iterations": int(self._counts[i] - self._first_steps[i]) % 2**32,
-                "clipped": bool(clipped[i]),
-            }
-            infos.append(info)
             if i in lost:
-                info["lost"] = lost[i]
-                terminated[i] = True
                 continue
             step = Transition(before[i], self._states[i], applied[i], self._goals[i], int(self._steps[i]))
-            info.update(self._task.info(step))
+            infos[i].update(self._task.info(step))
             terminated[i] = bool(self._task.terminated(step))
             rewards[i] = float(self._task.reward(step))
-        return self._observe(flat), rewards, terminated, truncated & ~terminated, infos
+        return rewards, terminated
+
+    def _judge_all(self, before: Any, applied: Array, infos: List[Info]) -> Tuple[Array, Mask]:
+        """The same by array functions, which see lost worlds, too."""
+        step: Any = Transition(before, self._states, applied, self._goals, self._steps)  # type: ignore[arg-type]
+        with np.errstate(invalid="ignore"):
+            columns = self._task.info(step)
+            terminated = np.broadcast_to(self._task.terminated(step), self.num_envs).copy()
+            rewards = np.asarray(self._task.reward(step), dtype=np.float64).copy()
+        rows = zip(*(np.asarray(column).tolist() for column in columns.values()))
+        for info, row in zip(infos, rows):
+            info.update(zip(columns, row))
+        return rewards, terminated
 
     def close(self) -> None:
         """Frees the worlds."""
@@ -213,13 +233,19 @@ class Worlds:
     def _observe(self, flat: Array) -> NDArray[np.float32]:
         return np.concatenate((self._gather.observe(flat), self._goals), axis=1).astype(np.float32)
 
-    def _all_states(self, flat: Array) -> List[States]:
+    def _all_states(self, flat: Array) -> Any:
+        """States of each world, or of all at once."""
+        if self._task.of_arrays:
+            return self._states_of(flat, self._counts.copy(), self.batch.times.copy())
         return [self._state(row, i) for i, row in enumerate(flat)]
 
     def _state(self, row: Array, i: int) -> States:
-        bodies = {name: SeenBody(row, self.layout, place, self._joints[name]) for name, place in self._rows.items()}
         # As a simulation of its own counts, that began with 1.
-        return States(int(self._counts[i]), float(self.batch.times[i]), bodies, {}, {}, flat=row)  # type: ignore[arg-type]
+        return self._states_of(row, int(self._counts[i]), float(self.batch.times[i]))
+
+    def _states_of(self, flat: Array, step: Any, sim_time: Any) -> States:
+        bodies = {name: SeenBody(flat, self.layout, place, self._joints[name]) for name, place in self._rows.items()}
+        return States(step, sim_time, bodies, {}, {}, flat=flat)  # type: ignore[arg-type]
 
     def _state_arrays(self, starts: Dict[int, Any]) -> Dict[str, Array]:
         """What `Task.start` has drawn, as arrays of all worlds."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..backend import Array
@@ -29,15 +31,15 @@ def draw_goal(rng: np.random.Generator) -> Array:
     return HOME + rng.uniform(-SPREAD, SPREAD)
 
 
-def distance(transition: Transition) -> float:
+def distance(transition: Transition) -> Any:
     """From flange to goal, m."""
-    return float(np.linalg.norm(transition.after.bodies[FLANGE].position - transition.goal))
+    return np.linalg.norm(transition.after.bodies[FLANGE].position - transition.goal, axis=-1)
 
 
-def reward(transition: Transition) -> float:
+def reward(transition: Transition) -> Any:
     """Less for distance and for moving about; a bonus for being there."""
     away = distance(transition)
-    return -away - 0.02 * float(np.mean(np.square(transition.action / 0.08))) + 0.5 * (away < SUCCESS)
+    return -away - 0.02 * np.mean(np.square(transition.action / 0.08), axis=-1) + 0.5 * (away < SUCCESS)
 
 
 def info(transition: Transition) -> Info:
@@ -56,6 +58,7 @@ TASK = Task(
     info=info,
     max_steps=50,
     n_skip_steps=40,
+    of_arrays=True,
 )
 
 
