@@ -569,7 +569,9 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
     const btScalar work = by_forces.internal + twisted + h / 2 * (dragged_before + drag_power());
     const btScalar allowed = kinetic + work, lifted = btFabs(by_forces.of_mass_centre);
     btScalar after = internal_energy();
-    const btScalar slack = MAX_GROWTH * (kinetic + btFabs(work)) + ROUNDING * (kinetic_energy() + lifted);
+    // Of a method of first order the root of that share.
+    const btScalar growth = by_euler ? btSqrt(MAX_GROWTH) : MAX_GROWTH;
+    const btScalar slack = growth * (kinetic + btFabs(work)) + ROUNDING * (kinetic_energy() + lifted);
     // With velocities that overflow in the step, `after` and `slack` are infinite. Near rest the energy is rounded to 0,
     // and what drag takes is more: nothing can be removed then.
     if (std::isfinite(after) &&
