@@ -277,10 +277,13 @@ impl Link {
         items.iter().any(|item| Arc::ptr_eq(&item.announcement, announcement) && item.state == State::Served)
     }
 
-    /// What is served and not announced yet.
+    /// What is served and not announced yet, services last: who has waited for a service finds the topics.
     fn pending(&self) -> Vec<Arc<dyn Announcement>> {
-        let items = self.items.lock();
-        items.iter().filter(|item| item.state == State::Served).map(|item| Arc::clone(&item.announcement)).collect()
+        let served = |item: &&Item| item.state == State::Served;
+        let announcement = |item: &Item| Arc::clone(&item.announcement);
+        let mut pending: Vec<_> = self.items.lock().iter().filter(served).map(announcement).collect();
+        pending.sort_by_key(|announcement| announcement.registration().direction == Direction::Serves);
+        pending
     }
 
     fn mark_announced(&self, done: &Arc<dyn Announcement>) {

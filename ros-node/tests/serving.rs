@@ -16,6 +16,16 @@ use rosrust::msg::rosgraph_msgs::Log;
 const NAME: &str = "/env/World/echo";
 
 /// A service that repeats what it is asked, and refuses what begins with 0.
+fn echo() -> Arc<ServiceServer> {
+    let kind = ServiceKind { name: "test/Echo".into(), md5sum: "0123".into(), longest: 1000 };
+    let answer = |request: &[u8]| match request.first() {
+        Some(0) => Err(String::from("begins with 0")),
+        _ => Ok(request.to_vec()),
+    };
+    ServiceServer::new(NAME.into(), kind, answer, |_| ())
+}
+
+/// A node with that service.
 struct Fixture {
     place: Place,
     node: Node,
@@ -27,12 +37,7 @@ impl Fixture {
     fn new() -> Self {
         let place = Place::new();
         let (node, _) = place.node("/node");
-        let kind = ServiceKind { name: "test/Echo".into(), md5sum: "0123".into(), longest: 1000 };
-        let answer = |request: &[u8]| match request.first() {
-            Some(0) => Err(String::from("begins with 0")),
-            _ => Ok(request.to_vec()),
-        };
-        let service = ServiceServer::new(NAME.into(), kind, answer, |_| ());
+        let service = echo();
         place.announce(&node, vec![Arc::clone(&service) as Arc<dyn Announcement>]);
         let Value::String(uri) = place.master().call("lookupService", vec![text(NAME)]).unwrap() else { panic!() };
         let port = uri.strip_prefix("rosrpc://127.0.0.1:").unwrap().parse().unwrap();
@@ -138,6 +143,19 @@ fn everything_is_registered_again_with_a_master_that_has_forgotten() {
     master.call("unregisterPublisher", vec![text("/rosout"), uri]).unwrap();
     until("it is registered again", || place.lists(1, "/topic") && place.lists(0, "/rosout"));
     until("it says so", || lines.lock().unwrap().iter().any(|line| line.contains("registered again")));
+}
+
+/// Who has waited for a service finds the topics.
+#[test]
+fn services_are_registered_after_the_topics() {
+    let master = FakeNode::new(|_| Value::Integer(1));
+    let mut place = Place::new();
+    place.uri.clone_from(&master.uri);
+    let (node, _) = place.node("/node");
+    let topics = ["/a", "/b", "/c"].map(|topic| RawSubscription::of::<Log>(topic.into(), 100, |_| ()) as _);
+    node.link().add([echo() as Arc<dyn Announcement>].into_iter().chain(topics));
+    until("the service is there", || master.called("registerService") == 1);
+    assert_eq!(master.called("registerSubscriber"), 3);
 }
 
 fn structure(members: &[(&str, Value)]) -> Value {
