@@ -15,7 +15,8 @@ use crate::xml::{quoted, Element};
 pub(super) struct ActuatorText {
     gear: f64,
     gain: f64,
-    /// Kept, as in MuJoCo, where the type of the bias is none: a class inside, or an element, may say the type.
+    /// Kept, as in MuJoCo, where the type of the bias is none: a class inside, or an element, may say the type. The third one is a
+    /// damping ratio if it is above 0 and the gain is minus the second one.
     bias: [f64; 3],
     /// The bias is affine; otherwise there is none, whatever its numbers are.
     is_affine: bool,
@@ -27,8 +28,6 @@ pub(super) struct ActuatorText {
     force_limited: Limited,
     damping: f64,
     armature: f64,
-    /// The damping ratio stands for the damping.
-    has_ratio: bool,
 }
 
 impl Default for ActuatorText {
@@ -45,7 +44,6 @@ impl Default for ActuatorText {
             force_limited: Limited::Auto,
             damping: 0.0,
             armature: 0.0,
-            has_ratio: false,
         }
     }
 }
@@ -121,12 +119,8 @@ impl ActuatorText {
                 // The gain is inherited, from whatever kind of actuator.
                 let kp = element.real("kp").unwrap_or(self.gain);
                 (self.gain, self.bias[1], self.is_affine) = (kp, -kp, true);
-                if let Some(kv) = element.real("kv") {
-                    (self.bias[2], self.has_ratio) = (-kv, false);
-                }
-                if element.real("dampratio").is_some_and(|ratio| ratio > 0.0) {
-                    self.has_ratio = true;
-                }
+                let damping = element.real("kv").map(|kv| -kv);
+                self.bias[2] = damping.or(element.real("dampratio")).unwrap_or(self.bias[2]);
                 if element.real("timeconst").is_some_and(|time| time > 0.0) {
                     element.ignored("timeconst", "commands act at once");
                 }
@@ -189,7 +183,10 @@ pub(super) struct Drive {
     damping: f64,
     has_position: bool,
     has_velocity: bool,
-    armature: f64,
+    /// Damping over the root of the joint's inertia, √(N·m/rad) or √(N/m).
+    ratio: f64,
+    /// Of all actuators, kg·m² or kg.
+    pub armature: f64,
     own_damping: f64,
     /// N·m or N; `None`: unbounded.
     most: Option<f64>,
@@ -256,7 +253,10 @@ pub(super) fn add<'a>(
         element.warn(ProblemKind::Absent, "biastype", "", "affine", action);
     }
     let square = gear * gear;
-    let gains = [square * length, square * rate, square * text.armature, square * text.damping, gear * text.gain];
+    let is_ratio = rate > 0.0 && length < 0.0 && text.gain == -length;
+    let (rate, ratio) = if is_ratio { (0.0, 2.0 * rate * (-length).sqrt() * gear.abs()) } else { (rate, 0.0) };
+    let gains =
+        [square * length, square * rate, square * text.armature, square * text.damping, gear * text.gain, ratio];
     if !gains.iter().all(|gain| gain.abs() <= MOST) {
         element.error(
             ProblemKind::OutOfRange,
@@ -292,8 +292,11 @@ pub(super) fn add<'a>(
         drive.has_velocity = true;
     }
     drive.damping += square * -rate;
-    if text.has_ratio && text.is_affine {
-        element.ignored("dampratio", "write `kv`");
+    if is_ratio && element.attribute("tendon").is_some() {
+        let key = if element.attribute("dampratio").is_some() { "dampratio" } else { "biasprm" };
+        element.ignored(key, "damping ratios are those of joints; write the damping");
+    } else {
+        drive.ratio += ratio;
     }
     let limit = |range: [f64; 2]| range.map(f64::abs).into_iter().fold(0.0, f64::max);
     let is_motor = length == 0.0 && rate == 0.0;
@@ -312,6 +315,18 @@ pub(super) fn add<'a>(
 }
 
 impl Drive {
+    /// Whether a damping ratio is to be made a damping.
+    pub fn has_ratio(&self) -> bool {
+        self.ratio > 0.0
+    }
+
+    /// Makes the damping ratio a damping. `mobility`: that of the joint, 1/(kg·m²) or 1/kg.
+    pub fn set_ratio(&mut self, mobility: f64) {
+        let damping = std::mem::take(&mut self.ratio) / mobility.sqrt();
+        // What has no inertia swings at once, whatever its damping is.
+        self.damping += if damping.is_finite() { damping.min(MOST) } else { 0.0 };
+    }
+
     /// What the drive makes of a joint: its controller, losses and most, and the largest impulse of its motor.
     pub fn apply(&self, drive_train: &mut DriveTrain) -> (Controller, f64) {
         drive_train.armature += self.armature;

@@ -50,6 +50,8 @@ pub(super) struct JointText {
     pub damping: f64,
     pub friction: f64,
     pub armature: f64,
+    /// Time constant, s, and damping ratio, which say stiffness and damping where both are above 0.
+    pub spring_damper: [f64; 2],
     pub effort_range: [f64; 2],
     pub effort_limited: Limited,
 }
@@ -68,6 +70,7 @@ impl Default for JointText {
             damping: 0.0,
             friction: 0.0,
             armature: 0.0,
+            spring_damper: [0.0; 2],
             effort_range: [0.0; 2],
             effort_limited: Limited::Auto,
         }
@@ -123,9 +126,7 @@ impl JointText {
             }
             *value = numbers[0].max(0.0);
         }
-        if element.numbers::<2>("springdamper").is_some_and(|numbers| numbers.iter().all(|number| *number > 0.0)) {
-            element.ignored("springdamper", "write `stiffness` and `damping`");
-        }
+        self.spring_damper = element.numbers("springdamper").unwrap_or(self.spring_damper);
     }
 }
 
@@ -148,6 +149,8 @@ pub(super) struct Joint<'a> {
     pub stiffness: f64,
     /// Coordinate at which the spring is at rest, rad or m.
     pub rest: f64,
+    /// Time constant, s, and damping ratio, both above 0, that the spring and damper are to have.
+    pub spring_damper: Option<[f64; 2]>,
 }
 
 impl<'a> Joint<'a> {
@@ -177,17 +180,19 @@ impl<'a> Joint<'a> {
             drive_train: DriveTrain::default(),
             stiffness: 0.0,
             rest: 0.0,
+            spring_damper: None,
         };
         let is_limited = text.limited.counts(text.range, compiler);
+        let spring_damper = Some(text.spring_damper).filter(|numbers| numbers.iter().all(|number| *number > 0.0));
         if !joint.has_coordinate() {
-            // A free joint has none of these, whatever its defaults are.
             let lost = [
                 ("damping", text.damping),
                 ("stiffness", text.stiffness),
                 ("frictionloss", text.friction),
                 ("armature", text.armature),
+                ("springdamper", spring_damper.map_or(0.0, |[time, _]| time)),
             ];
-            for (name, value) in lost.into_iter().filter(|(_, value)| kind == Kind::Ball && *value != 0.0) {
+            for (name, value) in lost.into_iter().filter(|(_, value)| *value != 0.0) {
                 joint.lose(name, value);
             }
             if kind == Kind::Ball && is_limited {
@@ -198,6 +203,7 @@ impl<'a> Joint<'a> {
         joint.reference = in_si(text.reference);
         joint.rest = in_si(text.spring_reference);
         joint.stiffness = text.stiffness;
+        joint.spring_damper = spring_damper;
         joint.limits = is_limited.then(|| Limits { low: in_si(text.range[0]), high: in_si(text.range[1]) });
         joint.check_limits();
         let most = text.effort_limited.counts(text.effort_range, compiler);
@@ -215,7 +221,9 @@ impl<'a> Joint<'a> {
 
     fn lose(&self, name: &str, value: f64) {
         let found = format!("{value:.3e}");
-        self.element.warn(ProblemKind::OutOfRange, name, &found, "none of a ball joint", "the joint moves without");
+        let kind = if self.kind == Kind::Free { "free" } else { "ball" };
+        let expected = format!("none of a {kind} joint");
+        self.element.warn(ProblemKind::OutOfRange, name, &found, &expected, "the joint moves without");
     }
 
     fn check_limits(&mut self) {

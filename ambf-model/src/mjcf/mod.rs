@@ -18,6 +18,7 @@ mod geom;
 mod joint;
 mod keyframe;
 mod mass;
+mod mobility;
 mod relation;
 mod sensor;
 mod settings;
@@ -168,6 +169,7 @@ fn read(source: &Source<'_>, surroundings: Surroundings, path: &Path) -> (Model,
             }
         }
     }
+    mobility::set_ratios(&mut bodies, &mut drives);
     let exceptions = contact::read(&sections("contact"), source, &mut bodies);
     let namespace = namespace(&root, path);
     let loops = loops(&equalities, &bodies);

@@ -333,6 +333,60 @@ fn springs_stand_beside_their_joints() {
     assert!(off.joints.iter().all(|joint| joint.kind != JointKind::LinearSpring));
 }
 
+/// Numbers of MuJoCo 4.0.0: `jnt_stiffness`, `dof_damping`, and `actuator_biasprm` times the square of the gear.
+#[test]
+fn time_constants_and_damping_ratios_are_about_the_inertia_of_the_start() {
+    let text = |c: &str| {
+        format!(
+            "<mujoco><default><joint springdamper='0.5 0.2'/></default><worldbody>
+               <body name='a' pos='100 -50 3'><joint name='p' armature='0.1' axis='0 1 0' stiffness='9' damping='9'/>
+                 <geom size='0.1' mass='2' pos='0.3 0 0'/>
+                 <body name='b' pos='0.6 0 0'><joint name='q' type='slide' axis='0 0 1' springdamper='0.1 1'/>
+                   <joint name='r' axis='0 1 0' springdamper='2 0.5' pos='0 0 0.1'/><geom type='box' size='.1 .2 .3' mass='3' pos='0.1 0 0.2'/>
+                   <body name='c' pos='0.1 0 0.5'><joint name='t' type='ball' springdamper='{c}'/><geom size='.1' mass='1' pos='0 0.1 0'/></body></body></body>
+               <body name='f' pos='0 0 3'><freejoint/><geom size='.1' mass='1'/><body pos='0 0 0.5'><geom size='.1' mass='1'/>
+                 <body name='g'><joint name='s' axis='1 0 0' springdamper='0.3 1.5'/><geom size='.05' mass='0.5' pos='0 0.2 0'/></body></body></body>
+             </worldbody><actuator><position joint='p' kp='50' dampratio='0.7' gear='3' armature='0.3'/>
+               <general joint='s' gainprm='5' biastype='affine' biasprm='0 -5 0.2'/></actuator></mujoco>"
+        )
+    };
+    let model = clean(&text("0 0"));
+    let close = |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 1e-11, "{found} {expected}");
+    for (name, stiffness, damping) in [
+        ("p", 301.1089430894304, 12.044357723577217),
+        ("q", 212.04190071655304, 42.408380143310616),
+        ("r", 0.16133646976825156, 0.16133646976825156),
+        ("s", 0.07377692879125544, 0.09959885386819485),
+    ] {
+        close(joint(&model, &format!("{name}_spring")).stiffness, stiffness);
+        close(joint(&model, name).drive_train.damping, damping);
+    }
+    close(joint(&model, "p").controller.gains.d, 9.0 * 5.726029885314585);
+    close(joint(&model, "s").controller.gains.d, 0.10932457392637476);
+    let (_, problems) = read(&text("1 1"));
+    let expected = "joint t / springdamper` is 1.000e0, expected none of a ball joint; the joint moves without";
+    assert!(problems.len() == 1 && problems[0].contains(expected), "{problems:?}");
+}
+
+#[test]
+fn what_has_no_inertia_has_no_time_constant() {
+    let text = "<mujoco><worldbody><body name='a'><joint name='p' springdamper='1 1'/></body></worldbody></mujoco>";
+    let (model, problems) = read(text);
+    assert!(problems.iter().any(|problem| problem.contains("springdamper` is with the inertia 0.0e0")), "{problems:?}");
+    assert_eq!(joint(&model, "p").drive_train.damping, 0.0);
+}
+
+#[test]
+fn losses_of_free_joints_are_named() {
+    let text = "<mujoco><default><joint damping='1'/></default><worldbody><body><freejoint/><geom size='1'/></body>
+         <body><joint name='j' type='free' armature='0.5'/><geom size='1'/></body></worldbody></mujoco>";
+    let (_, problems) = read(text);
+    for (problem, expected) in problems.iter().zip(["joint j / damping` is 1", "joint j / armature` is 5"]) {
+        assert!(problem.contains(expected) && problem.contains("expected none of a free joint"), "{problem}");
+    }
+    assert_eq!(problems.len(), 2, "{problems:?}");
+}
+
 #[test]
 fn equalities_and_tendons_couple_joints() {
     let model = |rest: &str| clean(&format!("<mujoco>{ARM}{rest}</mujoco>"));
