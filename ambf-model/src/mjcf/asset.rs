@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use super::classes::Classes;
 use super::field::{Field, Unusable};
 use super::geom::mesh_path;
-use super::mass::{of_mesh, Mass, MeshVolume};
+use super::mass::{of_mesh, Mass, MeshMass};
 use super::settings::{choice, finish, Compiler};
 use super::source::{written_path, Source, Surroundings};
 use crate::adf::{Material, PartGeometry, PhysicalMaterial, ProblemKind};
@@ -24,8 +24,8 @@ pub(super) struct MeshAsset {
     pub geometry: PartGeometry,
     /// Pose of the file's frame in that of the geoms that use it.
     pub in_geom: Isometry3<f64>,
-    volume: MeshVolume,
-    /// Volume and inertia, found once for all geoms.
+    weighs: MeshMass,
+    /// Mass and inertia at density 1, found once for all geoms.
     mass: OnceCell<Option<Mass>>,
 }
 
@@ -89,12 +89,12 @@ impl MaterialText {
 #[derive(Debug, Clone)]
 pub(super) struct MeshText {
     scale: Vector3<f64>,
-    volume: MeshVolume,
+    weighs: MeshMass,
 }
 
 impl Default for MeshText {
     fn default() -> Self {
-        Self { scale: Vector3::repeat(1.0), volume: MeshVolume::Legacy }
+        Self { scale: Vector3::repeat(1.0), weighs: MeshMass::Legacy }
     }
 }
 
@@ -121,18 +121,18 @@ impl MeshText {
         finish(element, &read, &unused, &["plugin"]);
         self.scale = element.vector("scale").unwrap_or(self.scale);
         let words = [
-            ("exact", Some(MeshVolume::Exact)),
-            ("legacy", Some(MeshVolume::Legacy)),
+            ("exact", Some(MeshMass::Exact)),
+            ("legacy", Some(MeshMass::Legacy)),
+            ("shell", Some(MeshMass::Shell)),
             ("convex", None),
-            ("shell", None),
         ];
         match choice(element, "inertia", &words) {
-            Some(Some(volume)) => self.volume = volume,
+            Some(Some(what)) => self.weighs = what,
             Some(None) => {
                 let action = "that of the enclosed volume is used";
                 let found = quoted(element.attribute("inertia").unwrap_or_default());
-                element.warn(ProblemKind::UnknownValue, "inertia", &found, "exact or legacy", action);
-                self.volume = MeshVolume::Exact;
+                element.warn(ProblemKind::UnknownValue, "inertia", &found, "exact, legacy or shell", action);
+                self.weighs = MeshMass::Exact;
             }
             None => (),
         }
@@ -233,7 +233,7 @@ impl<'a> Assets<'a> {
         let mesh = geometry.map(|geometry| MeshAsset {
             geometry,
             in_geom: Isometry3::from_parts(text.scale.component_mul(&position).into(), rotation).inverse(),
-            volume: text.volume,
+            weighs: text.weighs,
             mass: OnceCell::new(),
         });
         self.meshes.insert(name, mesh);
@@ -304,13 +304,13 @@ impl<'a> Assets<'a> {
         asset(element, ("mesh", name), &self.meshes)
     }
 
-    /// Volume and inertia at density 1 of a mesh, in the frame of its file; `None` where the file is of no use, which is
+    /// Mass and inertia at density 1 of a mesh, in the frame of its file; `None` where the file is of no use, which is
     /// reported when it is built.
-    pub fn volume(&self, asset: &MeshAsset) -> Option<Mass> {
-        *asset.mass.get_or_init(|| self.find_volume(asset))
+    pub fn mass(&self, asset: &MeshAsset) -> Option<Mass> {
+        *asset.mass.get_or_init(|| self.find_mass(asset))
     }
 
-    fn find_volume(&self, asset: &MeshAsset) -> Option<Mass> {
+    fn find_mass(&self, asset: &MeshAsset) -> Option<Mass> {
         let mesh = match &asset.geometry {
             PartGeometry::Mesh { path, scale } if self.surroundings == Surroundings::Disk => {
                 let mut volumes = self.volumes.borrow_mut();
@@ -326,7 +326,7 @@ impl<'a> Assets<'a> {
         let triangles = mesh.sub_meshes.iter().flat_map(|sub| {
             sub.triangles.iter().map(|triangle| triangle.map(|index| Vector3::from(sub.vertices[index as usize])))
         });
-        let mass = of_mesh(triangles, asset.volume);
+        let mass = of_mesh(triangles, asset.weighs);
         (mass.mass.is_finite() && mass.mass > 0.0 && mass.inertia.iter().all(|x| x.is_finite())).then_some(mass)
     }
 

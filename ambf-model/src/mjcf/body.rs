@@ -37,7 +37,7 @@ pub(super) struct Body<'a> {
     pub geoms: Vec<Geom<'a>>,
     /// In the body's frame; mass 0: none.
     pub mass: Mass,
-    /// Moments and their axes were given, kg·m² and in the body's frame.
+    /// Moments, kg·m², and their axes in the body's frame. Those of points may be 0, and so are all that were given and are of no use.
     pub principal: Option<(Vector3<f64>, Isometry3<f64>)>,
     /// Does not move.
     pub is_static: bool,
@@ -336,7 +336,9 @@ impl<'a> Reading<'_, 'a> {
             None => (element.vector("diaginertia").unwrap_or_default(), nalgebra::Rotation3::identity()),
         };
         let key = if full.is_some() { "fullinertia" } else { "diaginertia" };
-        if moments.min() <= 0.0 {
+        // What a joint carries needs a moment of its own; a mass that is fixed to another body may be a point.
+        let is_point = moments.min() == 0.0 && body.joints.is_empty();
+        if moments.min() <= 0.0 && !is_point {
             let found = format!("the principal moments {:.3e}, {:.3e}, {:.3e}", moments.x, moments.y, moments.z);
             let action = "it is estimated from the shapes that collide";
             element.error(ProblemKind::OutOfRange, key, &found, "three moments above 0", action);

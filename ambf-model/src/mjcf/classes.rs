@@ -4,10 +4,13 @@ use std::collections::HashMap;
 
 use super::actuator::ActuatorText;
 use super::asset::{MaterialText, MeshText};
+use super::contact::finish_pair;
 use super::geom::GeomText;
 use super::joint::JointText;
-use super::settings::{finish, Compiler};
+use super::relation::TendonText;
+use super::settings::{choice, finish, Compiler, BOOLEANS, SOFT};
 use super::source::Source;
+use super::view::LightText;
 use crate::adf::{ProblemKind, Severity};
 use crate::xml::{quoted, Element};
 
@@ -48,15 +51,34 @@ const KINDS: [&str; 29] = [
 ];
 
 /// What the elements of a class have.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(super) struct Class<'a> {
     pub joint: JointText,
     pub geom: GeomText<'a>,
     pub mesh: MeshText,
     pub material: MaterialText,
     pub actuator: ActuatorText,
+    pub tendon: TendonText,
+    /// Equalities act from the start on.
+    pub is_active: bool,
     pub fov: Option<f64>,
-    pub light: super::view::LightText,
+    pub light: LightText,
+}
+
+impl Default for Class<'_> {
+    fn default() -> Self {
+        Self {
+            joint: JointText::default(),
+            geom: GeomText::default(),
+            mesh: MeshText::default(),
+            material: MaterialText::default(),
+            actuator: ActuatorText::default(),
+            tendon: TendonText::default(),
+            is_active: true,
+            fov: None,
+            light: LightText::default(),
+        }
+    }
 }
 
 /// All classes.
@@ -117,6 +139,15 @@ impl<'a> Classes<'a> {
         })
     }
 
+    /// Whether an equality acts from the start on; one that does not is reported.
+    pub fn is_active(&self, equality: &Element<'a>) -> bool {
+        let is_active = choice(equality, "active", &BOOLEANS).unwrap_or(self.of(equality, None).is_active);
+        if !is_active {
+            equality.ignored("", "it is not active, and cannot be activated");
+        }
+        is_active
+    }
+
     /// Names a class that is not there.
     pub fn check(&self, element: &Element<'a>, key: &'static str) {
         if let Some(name) = element.attribute(key).filter(|name| *name != "main" && !self.by_name.contains_key(name)) {
@@ -141,6 +172,12 @@ impl<'a> Class<'a> {
                 "material" => self.material.apply(&element),
                 "camera" => self.fov = element.real("fovy").or(self.fov),
                 "light" => self.light.apply(&element),
+                "tendon" => self.tendon.apply(&element),
+                "pair" => finish_pair(&element),
+                "equality" => {
+                    finish(&element, &["active"], &[SOFT], &[]);
+                    self.is_active = choice(&element, "active", &BOOLEANS).unwrap_or(self.is_active);
+                }
                 tag if ActuatorText::is_kind(tag) => self.actuator.apply(&element),
                 // Nothing of these is used that could have a default.
                 _ => (),

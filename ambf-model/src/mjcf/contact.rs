@@ -69,7 +69,7 @@ fn excluded(element: &Element<'_>, bodies: &Bodies<'_>) -> Option<(usize, usize)
 
 /// The geoms of a pair; `None`, reported, if they cannot be made to collide.
 fn pair(element: &Element<'_>, bodies: &Bodies<'_>, clusters: &[usize], masked: &Counts) -> Option<[Place; 2]> {
-    finish(element, &["name", "class", "geom1", "geom2", "condim", "friction", "adhesion"], &[SOFT], &[]);
+    finish_pair(element);
     let left_out = "the pair is left out";
     let geom = |key: &'static str| {
         let name = element.need(key, "the name of a geom");
@@ -94,12 +94,17 @@ fn pair(element: &Element<'_>, bodies: &Bodies<'_>, clusters: &[usize], masked: 
             return None;
         }
     }
-    for name in ["condim", "friction"] {
+    Some([a, b])
+}
+
+/// Names what of a pair, or of the defaults of pairs, has no effect.
+pub(super) fn finish_pair(element: &Element<'_>) {
+    finish(element, &["name", "class", "geom1", "geom2", "condim", "friction", "adhesion"], &[SOFT], &[]);
+    for name in ["condim", "friction", "adhesion"] {
         if element.attribute(name).is_some() {
             element.ignored(name, "the contact has the friction of both bodies");
         }
     }
-    Some([a, b])
 }
 
 /// Of each body how many of the geoms that are one body here have a property.

@@ -40,6 +40,17 @@ pub(super) struct Context<'c> {
     pub exceptions: &'c Exceptions,
 }
 
+impl Context<'_> {
+    /// What bodies get that have no mass or moments, as a share of those that others have.
+    fn massless_share(&self) -> f64 {
+        if self.has_loops {
+            MASSLESS_IN_LOOPS
+        } else {
+            MASSLESS
+        }
+    }
+}
+
 /// Identifiers of a body and a joint of a name.
 pub(super) fn body_identifier(name: &str) -> String {
     format!("BODY {name}")
@@ -90,7 +101,7 @@ pub(super) fn convert(bodies: &Bodies<'_>, context: &Context<'_>, drives: &Drive
         joint_names: Names(bodies.joints.keys().cloned().collect()),
         ..Converted::default()
     };
-    let share = if context.has_loops { MASSLESS_IN_LOOPS } else { MASSLESS };
+    let share = context.massless_share();
     let loads = loads(all, share);
     let clusters = clusters(all);
     let mut excluded: HashMap<usize, Vec<u32>> = HashMap::new();
@@ -310,6 +321,7 @@ fn rigid_body(
     let has_shape = made.collision != CollisionGeometry::None;
     let moments = |moments: Vector3<f64>, mass| match moments.min() > 0.0 {
         true => Some(moments),
+        false if body.joints.is_empty() => Some(moments.sup(&(sphere(mass) * context.massless_share()))),
         false => (!has_shape).then(|| sphere(mass)),
     };
     match &body.principal {

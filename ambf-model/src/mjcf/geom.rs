@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use nalgebra::{Isometry3, Vector3};
 
 use super::asset::Assets;
-use super::mass::{solid, Mass};
+use super::mass::{shell, solid, Mass};
 use super::settings::{choice, finish, z_to, Compiler, BOOLEANS, POSE, SOFT};
 use super::source::written_path;
 use crate::adf::{Axis, Material, Part, PartGeometry, Primitive, ProblemKind};
@@ -236,7 +236,7 @@ impl<'a> Geom<'a> {
         };
         let (geometry, shape) = match primitive {
             Some(primitive) => {
-                let shape = solid(&primitive);
+                let shape = if text.is_shell { shell(&primitive) } else { solid(&primitive) };
                 (PartGeometry::Primitive(primitive), shape)
             }
             None if text.kind == Kind::HeightField && !is_fitted => {
@@ -244,16 +244,15 @@ impl<'a> Geom<'a> {
             }
             None => {
                 let mesh = assets.mesh(&element, text.mesh)?;
-                let shape = (needs_mass && text.mass != Some(0.0)).then(|| assets.volume(mesh)).flatten();
+                if text.is_shell {
+                    element.ignored("shellinertia", "`inertia` of a mesh says what of it weighs");
+                }
+                let shape = (needs_mass && text.mass != Some(0.0)).then(|| assets.mass(mesh)).flatten();
                 pose *= mesh.in_geom;
                 (mesh.geometry.clone(), shape)
             }
         };
         let part = Part { geometry, offset: outer * pose };
-        if text.is_shell && shape.is_some() {
-            let action = "its inertia is that of a solid of the same mass";
-            element.warn(ProblemKind::UnknownValue, "shellinertia", "true", "false", action);
-        }
         let material = assets.material(&element, text.material, text.rgba);
         let mass = shape.map(|shape| weight(shape).placed(&part.offset)).filter(|mass| mass.mass > 0.0);
         Some(Self { name, text, part, material, mass, is_paired: false })

@@ -116,18 +116,23 @@ impl JointText {
             ("frictionloss", &mut self.friction),
             ("armature", &mut self.armature),
         ] {
-            let Some(numbers) = element.numbers_in(name, 1..=8) else { continue };
-            if numbers[1..].iter().any(|number| *number != 0.0) {
-                let found = quoted(element.attribute(name).unwrap_or_default());
-                element.error(ProblemKind::OutOfRange, name, &found, "one number", "the first is used");
-            }
-            if numbers[0] < 0.0 {
-                element.warn(ProblemKind::OutOfRange, name, &numbers[0].to_string(), "at least 0", "0 is used");
-            }
-            *value = numbers[0].max(0.0);
+            *value = linear(element, name).unwrap_or(*value);
         }
         self.spring_damper = element.numbers("springdamper").unwrap_or(self.spring_damper);
     }
+}
+
+/// The first coefficient of a force that may be a polynomial, at least 0; others are reported.
+pub(super) fn linear(element: &Element<'_>, name: &'static str) -> Option<f64> {
+    let numbers = element.numbers_in(name, 1..=8)?;
+    if numbers[1..].iter().any(|number| *number != 0.0) {
+        let found = quoted(element.attribute(name).unwrap_or_default());
+        element.error(ProblemKind::OutOfRange, name, &found, "one number", "the first is used");
+    }
+    if numbers[0] < 0.0 {
+        element.warn(ProblemKind::OutOfRange, name, &numbers[0].to_string(), "at least 0", "0 is used");
+    }
+    Some(numbers[0].max(0.0))
 }
 
 /// A joint of a body.
@@ -149,8 +154,9 @@ pub(super) struct Joint<'a> {
     pub stiffness: f64,
     /// Coordinate at which the spring is at rest, rad or m.
     pub rest: f64,
-    /// Time constant, s, and damping ratio, both above 0, that the spring and damper are to have.
-    pub spring_damper: Option<[f64; 2]>,
+    /// Time constant, s, and damping ratio, both above 0, that its spring and damper are to have, and the coordinate of rest. Stiffness and
+    /// damping above are those of others then.
+    pub spring_damper: Option<[f64; 3]>,
 }
 
 impl<'a> Joint<'a> {
@@ -183,14 +189,15 @@ impl<'a> Joint<'a> {
             spring_damper: None,
         };
         let is_limited = text.limited.counts(text.range, compiler);
-        let spring_damper = Some(text.spring_damper).filter(|numbers| numbers.iter().all(|number| *number > 0.0));
+        let [time, ratio] = text.spring_damper;
+        let spring_damper = (time > 0.0 && ratio > 0.0).then(|| [time, ratio, in_si(text.spring_reference)]);
         if !joint.has_coordinate() {
             let lost = [
                 ("damping", text.damping),
                 ("stiffness", text.stiffness),
                 ("frictionloss", text.friction),
                 ("armature", text.armature),
-                ("springdamper", spring_damper.map_or(0.0, |[time, _]| time)),
+                ("springdamper", spring_damper.map_or(0.0, |[time, ..]| time)),
             ];
             for (name, value) in lost.into_iter().filter(|(_, value)| *value != 0.0) {
                 joint.lose(name, value);
@@ -202,13 +209,14 @@ impl<'a> Joint<'a> {
         }
         joint.reference = in_si(text.reference);
         joint.rest = in_si(text.spring_reference);
-        joint.stiffness = text.stiffness;
+        joint.stiffness = if spring_damper.is_some() { 0.0 } else { text.stiffness };
         joint.spring_damper = spring_damper;
-        joint.limits = is_limited.then(|| Limits { low: in_si(text.range[0]), high: in_si(text.range[1]) });
-        joint.check_limits();
+        if is_limited {
+            joint.set_limits(Limits { low: in_si(text.range[0]), high: in_si(text.range[1]) });
+        }
         let most = text.effort_limited.counts(text.effort_range, compiler);
         joint.drive_train = DriveTrain {
-            damping: text.damping,
+            damping: if spring_damper.is_some() { 0.0 } else { text.damping },
             armature: text.armature,
             friction: text.friction,
             max_effort: most
@@ -226,8 +234,17 @@ impl<'a> Joint<'a> {
         self.element.warn(ProblemKind::OutOfRange, name, &found, &expected, "the joint moves without");
     }
 
-    fn check_limits(&mut self) {
-        let Some(Limits { low, high }) = self.limits else { return };
+    /// Adds a spring that is at rest at a coordinate.
+    pub fn add_spring(&mut self, stiffness: f64, rest: f64) {
+        let sum = self.stiffness + stiffness;
+        self.rest += (rest - self.rest) * (stiffness / sum);
+        self.stiffness = sum;
+    }
+
+    /// Limits it to a range, unless the range is none here.
+    pub fn set_limits(&mut self, limits: Limits) {
+        self.limits = Some(limits);
+        let Limits { low, high } = limits;
         let found = format!("a range from {low} to {high}");
         if high < low {
             self.element.error(

@@ -16,20 +16,20 @@ pub(super) fn set_ratios(bodies: &mut Bodies<'_>, drives: &mut Drives) {
     if !has_spring && !drives.values().any(|drive| drive.has_ratio()) {
         return;
     }
-    let armature = |joint: &Joint<'_>| {
-        joint.drive_train.armature + drives.get(&joint.name).map_or(0.0, |drive| drive.armature)
-    };
+    let armature =
+        |joint: &Joint<'_>| joint.drive_train.armature + drives.get(&joint.name).map_or(0.0, |drive| drive.armature);
     let mobilities = mobilities(&bodies.all, armature);
     let joints = bodies.all.iter_mut().flat_map(|body| &mut body.joints);
     for (joint, mobility) in joints.zip(mobilities.into_iter().flatten()) {
         if let Some(drive) = drives.get_mut(&joint.name) {
             drive.set_ratio(mobility);
         }
-        let Some([time, ratio]) = joint.spring_damper else { continue };
+        let Some([time, ratio, rest]) = joint.spring_damper else { continue };
         let inertia = mobility.recip();
         let (stiffness, damping) = (inertia / (time * ratio).powi(2), 2.0 * inertia / time);
         if stiffness.is_finite() && stiffness > 0.0 && damping.is_finite() {
-            (joint.stiffness, joint.drive_train.damping) = (stiffness, damping);
+            joint.add_spring(stiffness, rest);
+            joint.drive_train.damping += damping;
         } else {
             let found = format!("with the inertia {inertia:.1e} a stiffness of {stiffness:.1e}");
             let expected = "another time constant or ratio";

@@ -41,7 +41,7 @@ use asset::Assets;
 use body::{Bodies, Reading};
 use classes::Classes;
 use convert::{adf_joint, body_identifier, common, convert, Context};
-use settings::{choice, finish, Compiler, Options, BOOLEANS, SOFT};
+use settings::{finish, Compiler, Options, SOFT};
 use source::{Source, Texts};
 
 /// Reads a description. Included files are read; meshes only where their volume says a mass.
@@ -150,8 +150,8 @@ fn read(source: &Source<'_>, surroundings: Surroundings, path: &Path) -> (Model,
         })
         .filter(|_| options.has_equalities)
         .collect();
-    let tendons = relation::tendons(&sections("tendon"), source, &bodies);
-    let couplings = relation::couplings(&equalities, &tendons, &bodies);
+    let tendons = relation::tendons(&sections("tendon"), source, &classes, &compiler, &mut bodies);
+    let couplings = relation::couplings(&equalities, &classes, &tendons, &bodies);
     let arms = tendons.arms(&couplings);
     let mut drives = Drives::new();
     for section in sections("actuator") {
@@ -172,7 +172,7 @@ fn read(source: &Source<'_>, surroundings: Surroundings, path: &Path) -> (Model,
     mobility::set_ratios(&mut bodies, &mut drives);
     let exceptions = contact::read(&sections("contact"), source, &mut bodies);
     let namespace = namespace(&root, path);
-    let loops = loops(&equalities, &bodies);
+    let loops = loops(&equalities, &classes, &bodies);
     let context =
         Context { namespace: &namespace, options: &options, has_loops: !loops.is_empty(), exceptions: &exceptions };
     let mut converted = convert(&bodies, &context, &drives, &couplings);
@@ -225,7 +225,7 @@ struct Loop<'a> {
 }
 
 /// Equalities of kind `connect` and `weld`.
-fn loops<'a>(equalities: &[Element<'a>], bodies: &Bodies<'a>) -> Vec<Loop<'a>> {
+fn loops<'a>(equalities: &[Element<'a>], classes: &Classes<'a>, bodies: &Bodies<'a>) -> Vec<Loop<'a>> {
     let mut loops = Vec::new();
     for element in equalities {
         let kind = match element.tag() {
@@ -239,8 +239,7 @@ fn loops<'a>(equalities: &[Element<'a>], bodies: &Bodies<'a>) -> Vec<Loop<'a>> {
         };
         let read = ["name", "class", "active", "body1", "body2", "site1", "site2", "anchor", "relpose", "torquescale"];
         finish(element, &read, &[SOFT], &[]);
-        if choice(element, "active", &BOOLEANS) == Some(false) {
-            element.ignored("", "it is not active, and cannot be activated");
+        if !classes.is_active(element) {
             continue;
         }
         let Some(ends) = ends(element, bodies, kind == JointKind::Fixed) else { continue };

@@ -4,13 +4,18 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use super::actuator::TendonArms;
 use super::body::Bodies;
-use super::settings::{choice, finish, BOOLEANS, SOFT};
+use super::classes::Classes;
+use super::joint::{linear, Joint, Limited};
+use super::settings::{choice, finish, Compiler, SOFT};
 use super::source::Source;
-use crate::adf::{ordered, Coupled, Coupling, Leader, ProblemKind, MAX_LEADERS};
+use crate::adf::{ordered, Coupled, Coupling, Leader, Limits, ProblemKind, MAX_LEADERS};
 use crate::xml::{quoted, Element};
 
 /// A sum of coordinates of joints, each times a number.
 type Sum = BTreeMap<String, f64>;
+
+/// Largest number that a tendon gives a joint: sums of them still are numbers.
+const MOST: f64 = 1e100;
 
 /// Most couplings that are followed to find out which joint a tendon moves.
 const MOST_STEPS: usize = 1000;
@@ -21,9 +26,122 @@ pub(super) struct Tendons<'a>(HashMap<&'a str, Sum>);
 /// Joints that follow others, by name, or stand still: those without leaders.
 pub(super) type Couplings = BTreeMap<String, Coupling>;
 
-/// Reads section `tendon`.
-pub(super) fn tendons<'a>(sections: &[Element<'a>], source: &Source<'a>, bodies: &Bodies<'a>) -> Tendons<'a> {
+/// What a tendon element and its defaults say; lengths of fixed tendons are in rad or m, whatever the unit of angles is.
+#[derive(Debug, Clone)]
+pub(super) struct TendonText {
+    range: [f64; 2],
+    limited: Limited,
+    /// N per rad or m.
+    stiffness: f64,
+    /// Lengths between which the spring is at rest; `None`: the length at which the springs of the joints are.
+    rest: Option<[f64; 2]>,
+    damping: f64,
+    friction: f64,
+    armature: f64,
+}
+
+impl Default for TendonText {
+    fn default() -> Self {
+        Self {
+            range: [0.0; 2],
+            limited: Limited::Auto,
+            stiffness: 0.0,
+            rest: None,
+            damping: 0.0,
+            friction: 0.0,
+            armature: 0.0,
+        }
+    }
+}
+
+impl TendonText {
+    pub fn apply(&mut self, element: &Element<'_>) {
+        let read =
+            ["name", "class", "range", "limited", "stiffness", "springlength", "damping", "frictionloss", "armature"];
+        let unused = [
+            SOFT,
+            ("it changes nothing that moves", &["group", "user", "width", "material", "rgba"][..]),
+            ("efforts of actuators are limited by the actuators", &["actuatorfrcrange", "actuatorfrclimited"][..]),
+            ("springs do not yield", &["springyield"][..]),
+        ];
+        finish(element, &read, &unused, &["joint"]);
+        self.range = element.numbers("range").unwrap_or(self.range);
+        self.limited = choice(element, "limited", &Limited::WORDS).unwrap_or(self.limited);
+        if let Some(lengths) = element.numbers_in("springlength", 1..=2) {
+            let lengths = [lengths[0], lengths[lengths.len() - 1]];
+            self.rest = Some(lengths).filter(|lengths| *lengths != [-1.0; 2]);
+        }
+        for (name, value) in [
+            ("stiffness", &mut self.stiffness),
+            ("damping", &mut self.damping),
+            ("frictionloss", &mut self.friction),
+            ("armature", &mut self.armature),
+        ] {
+            *value = linear(element, name).unwrap_or(*value);
+        }
+    }
+
+    /// What it has of its own: attributes, and whether they change anything.
+    fn own(&self, compiler: &Compiler) -> [(&'static str, bool); 5] {
+        [
+            ("range", self.limited.counts(self.range, compiler)),
+            ("stiffness", self.stiffness != 0.0),
+            ("damping", self.damping != 0.0),
+            ("frictionloss", self.friction != 0.0),
+            ("armature", self.armature != 0.0),
+        ]
+    }
+
+    /// Gives the joint that alone moves the tendon what the tendon has, of which `arm` is the length over the joint's coordinate.
+    fn give(&self, element: &Element<'_>, joint: &mut Joint<'_>, arm: f64, compiler: &Compiler) {
+        let square = arm * arm;
+        let friction = arm.abs() * self.friction;
+        let [stiffness, damping, armature] = [self.stiffness, self.damping, self.armature].map(|own| square * own);
+        let limits = self.range.map(|length| length / arm);
+        if !([stiffness, damping, armature, friction].into_iter().chain(limits).all(|own| own.abs() <= MOST)) {
+            let expected = "numbers that joints can have";
+            element.error(ProblemKind::OutOfRange, "", &format!("{arm:e} long"), expected, "it has nothing of its own");
+            return;
+        }
+        let losses = &mut joint.drive_train;
+        losses.damping += damping;
+        losses.friction += friction;
+        losses.armature += armature;
+        if stiffness > 0.0 {
+            let [low, high] = self.rest.unwrap_or([arm * joint.rest; 2]);
+            if low != high {
+                let found = format!("{low} to {high}");
+                element.warn(ProblemKind::OutOfRange, "springlength", &found, "one length", "their mean is used");
+            }
+            joint.add_spring(stiffness, (low + high) / 2.0 / arm);
+        }
+        if self.limited.counts(self.range, compiler) {
+            let [a, b] = limits;
+            let own = joint.limits.unwrap_or(Limits { low: f64::NEG_INFINITY, high: f64::INFINITY });
+            let both = Limits { low: own.low.max(a.min(b)), high: own.high.min(a.max(b)) };
+            if both.low <= both.high {
+                joint.set_limits(both);
+            } else {
+                let found = format!("outside the range of {}", quoted(&joint.name));
+                element.error(ProblemKind::OutOfRange, "range", &found, "a part of that", "it has no effect");
+            }
+        }
+    }
+}
+
+/// Reads section `tendon`. What a tendon of one joint has is given to that joint.
+pub(super) fn tendons<'a>(
+    sections: &[Element<'a>],
+    source: &Source<'a>,
+    classes: &Classes<'a>,
+    compiler: &Compiler,
+    bodies: &mut Bodies<'a>,
+) -> Tendons<'a> {
     let mut tendons = HashMap::new();
+    let joints = bodies.all.iter().enumerate().flat_map(|(body, all)| {
+        all.joints.iter().enumerate().map(move |(number, joint)| (joint.name.clone(), (body, number)))
+    });
+    let places: HashMap<String, (usize, usize)> = joints.collect();
     for section in sections {
         finish(section, &[], &[], &["fixed", "spatial"]);
         for element in source.elements(section) {
@@ -31,31 +149,8 @@ pub(super) fn tendons<'a>(sections: &[Element<'a>], source: &Source<'a>, bodies:
                 element.error(ProblemKind::IgnoredKey, "", "", "", "only fixed tendons are read");
                 continue;
             }
-            let lost = ["range", "stiffness", "damping", "frictionloss", "armature", "actuatorfrcrange"];
-            let read = [&["name", "class"][..], &lost].concat();
-            let unused = [
-                SOFT,
-                (
-                    "it changes nothing that moves",
-                    &[
-                        "group",
-                        "user",
-                        "limited",
-                        "springlength",
-                        "springyield",
-                        "actuatorfrclimited",
-                        "width",
-                        "material",
-                        "rgba",
-                    ][..],
-                ),
-            ];
-            finish(&element, &read, &unused, &["joint"]);
-            for name in lost {
-                if element.numbers_in(name, 1..=8).is_some_and(|numbers| numbers.iter().any(|number| *number != 0.0)) {
-                    element.ignored(name, "tendons drive joints here, and have nothing of their own");
-                }
-            }
+            let mut text = classes.of(&element, None).tendon.clone();
+            text.apply(&element);
             let mut sum = Sum::new();
             for part in source.children(&element, "joint") {
                 finish(&part, &["joint", "coef"], &[], &[]);
@@ -69,6 +164,15 @@ pub(super) fn tendons<'a>(sections: &[Element<'a>], source: &Source<'a>, bodies:
                 }
             }
             sum.retain(|_, coefficient| *coefficient != 0.0);
+            let only = sum.iter().next().filter(|_| sum.len() == 1);
+            match only.and_then(|(name, arm)| Some((*places.get(name)?, *arm))) {
+                Some(((body, joint), arm)) => text.give(&element, &mut bodies.all[body].joints[joint], arm, compiler),
+                None => {
+                    for (name, _) in text.own(compiler).into_iter().filter(|(_, acts)| *acts) {
+                        element.ignored(name, "tendons of several joints have nothing of their own");
+                    }
+                }
+            }
             if let Some(name) = element.attribute("name") {
                 tendons.insert(name, sum);
             }
@@ -78,7 +182,12 @@ pub(super) fn tendons<'a>(sections: &[Element<'a>], source: &Source<'a>, bodies:
 }
 
 /// Reads equalities of kind `joint` and `tendon`.
-pub(super) fn couplings<'a>(equalities: &[Element<'a>], tendons: &Tendons<'a>, bodies: &Bodies<'a>) -> Couplings {
+pub(super) fn couplings<'a>(
+    equalities: &[Element<'a>],
+    classes: &Classes<'a>,
+    tendons: &Tendons<'a>,
+    bodies: &Bodies<'a>,
+) -> Couplings {
     let references: HashMap<&str, f64> =
         bodies.all.iter().flat_map(|body| &body.joints).map(|joint| (joint.name.as_str(), joint.reference)).collect();
     let mut found: BTreeMap<String, (Coupling, Element<'a>)> = BTreeMap::new();
@@ -89,8 +198,7 @@ pub(super) fn couplings<'a>(equalities: &[Element<'a>], tendons: &Tendons<'a>, b
         }
         let keys = if is_joint { ["joint1", "joint2"] } else { ["tendon1", "tendon2"] };
         finish(element, &["name", "class", "active", "polycoef", keys[0], keys[1]], &[SOFT], &[]);
-        if choice(element, "active", &BOOLEANS) == Some(false) {
-            element.ignored("", "it is not active, and cannot be activated");
+        if !classes.is_active(element) {
             continue;
         }
         let left_out = "the equality is left out";

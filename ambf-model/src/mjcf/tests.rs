@@ -4,7 +4,8 @@ use nalgebra::Point3;
 
 use super::*;
 use crate::adf::{
-    CollisionGeometry, ControllerOutput, Coupling, Leader, Limits, PartGeometry, Primitive, RigidBody, VisualGeometry,
+    CollisionGeometry, ControllerOutput, Coupling, DriveTrain, Leader, Limits, PartGeometry, Primitive, RigidBody,
+    VisualGeometry,
 };
 
 /// Model and problems, without those that say what MuJoCo's solver has.
@@ -417,6 +418,89 @@ fn equalities_and_tendons_couple_joints() {
     assert_eq!(coupling(&model, "p"), None);
     let free = format!("<mujoco>{ARM}{tendons}<actuator><position tendon='t'/></actuator></mujoco>");
     assert!(read(&free).1[0].contains("expected a fixed tendon of one joint"), "{:?}", read(&free).1);
+}
+
+/// Stiffness, rest and losses of joints are those that `qfrc_spring`, `qfrc_damper` and `mj_fullM` of MuJoCo 4.0.0 have.
+#[test]
+fn what_a_tendon_of_one_joint_has_is_that_of_the_joint() {
+    let text = |p: &str| {
+        format!(
+            "<mujoco><default><tendon damping='0.5'/><default class='soft'><tendon stiffness='3'/></default></default><worldbody>
+               <body name='a'><joint name='p' stiffness='4' springref='30' ref='10' damping='1' range='-60 60'/><geom size='0.1'/></body>
+               <body name='b'><joint name='q' type='slide'/><geom size='0.1'/></body></worldbody>
+             <tendon><fixed name='t' class='soft' range='-1 1.5' frictionloss='0.2' armature='0.05'>{p}</fixed>
+               <fixed name='u' stiffness='6' springlength='0.4' limited='false' range='0 1'><joint joint='q' coef='0.5'/></fixed></tendon></mujoco>"
+        )
+    };
+    let model = clean(&text("<joint joint='p' coef='-2'/>"));
+    let (p, q) = (joint(&model, "p"), joint(&model, "q"));
+    assert_eq!(p.limits.map(|limits| [limits.low, limits.high]), Some([-0.75, 0.5]));
+    let losses = DriveTrain { damping: 3.0, friction: 0.4, armature: 0.2, ..DriveTrain::default() };
+    assert_eq!(p.drive_train, losses);
+    assert_eq!((q.limits, q.drive_train.damping), (None, 0.125));
+    let spring = |name| (joint(&model, name).stiffness, joint(&model, name).equilibrium_point.expect("a rest"));
+    assert_eq!(spring("p_spring"), (16.0, 30f64.to_radians()));
+    assert_eq!(spring("q_spring"), (1.5, 0.8));
+
+    let (model, problems) = read(&text("<joint joint='p' coef='1'/><joint joint='q' coef='1'/>"));
+    for (problem, key) in problems.iter().zip(["range", "stiffness", "damping", "frictionloss", "armature"]) {
+        let expected = format!("fixed t / {key}` is not used; tendons of several joints have nothing of their own");
+        assert!(problem.contains(&expected), "{problem}");
+    }
+    assert_eq!((problems.len(), joint(&model, "p").drive_train.damping), (5, 1.0), "{problems:?}");
+    let (model, problems) = read(&text("<joint joint='p' coef='1e-3'/>").replace("-1 1.5", "1 1.5"));
+    assert!(problems.len() == 1 && problems[0].contains("range` is outside the range of `p`"), "{problems:?}");
+    assert_eq!(joint(&model, "p").limits.map(|limits| limits.low), Some((-60f64).to_radians()));
+}
+
+#[test]
+fn defaults_of_equalities_and_pairs_count_or_are_named() {
+    let text = "<mujoco><default><pair friction='2' condim='1'/><equality active='false'/></default><worldbody>
+           <body name='a'><freejoint/><geom size='1'/></body></worldbody>
+         <equality><connect body1='a' anchor='0 0 0'/><weld body1='a' active='true'/></equality></mujoco>";
+    let (model, problems) = read(text);
+    for (problem, expected) in problems.iter().zip([
+        "default / pair / condim` is not used; the contact has the friction of both bodies",
+        "default / pair / friction` is not used",
+        "equality / connect` is not used; it is not active, and cannot be activated",
+    ]) {
+        assert!(problem.contains(expected), "{problem}");
+    }
+    assert_eq!((problems.len(), model.joints.len()), (3, 1), "{problems:?}");
+}
+
+#[test]
+fn masses_that_are_fixed_to_bodies_may_be_points() {
+    let text = |joint: &str| {
+        world(&format!(
+            "<body name='a'><freejoint/><geom size='0.1'/>
+               <body name='p'>{joint}<inertial mass='2' pos='0 0 1' diaginertia='0 0 0'/><geom size='0.1'/></body></body>"
+        ))
+    };
+    let point = clean(&text(""));
+    let p = body(&point, "p");
+    assert!(p.mass == 2.0 && p.inertia.expect("tiny").amax() < 1e-8, "{:?}", p.inertia);
+    let (model, problems) = read(&text("<joint/>"));
+    assert!(problems.len() == 1 && problems[0].contains("expected three moments above 0"), "{problems:?}");
+    assert_eq!(body(&model, "p").inertia, None, "that of the shape");
+}
+
+#[test]
+fn surfaces_weigh() {
+    let text = "<mujoco><asset><mesh name='m' inertia='shell' vertex='0 0 0 1 0 0 0 2 0 0 0 3 1 1 1'
+           face='0 2 1 0 1 3 0 3 2 1 2 4 2 3 4 3 1 4'/></asset><worldbody>
+         <body name='a'><freejoint/><geom type='box' size='0.1 0.2 0.3' shellinertia='true' density='10'/></body>
+         <body name='b'><freejoint/><geom type='mesh' mesh='m' density='10'/></body></worldbody></mujoco>";
+    let model = clean(text);
+    let a = body(&model, "a");
+    assert!((a.mass - 8.8).abs() < 1e-14 && (a.inertia.expect("moments").sum() - 1.2053333333333334).abs() < 1e-14);
+    // MuJoCo 4.0.0.
+    let b = body(&model, "b");
+    let mut moments: Vec<f64> = b.inertia.expect("moments").iter().copied().collect();
+    moments.sort_by(|a, b| b.total_cmp(a));
+    let expected = [83.61153027492016, 70.54103380656348, 32.02464549016047];
+    assert!(moments.iter().zip(expected).all(|(a, b)| (a / b - 1.0).abs() < 1e-6), "{moments:?}");
+    assert!((b.mass / 102.53885959956261 - 1.0).abs() < 1e-7, "{}", b.mass);
 }
 
 #[test]
