@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::classes::Classes;
 use super::field::{Field, Unusable};
@@ -219,20 +219,31 @@ impl<'a> Assets<'a> {
             self.meshes.insert(name, None);
             return;
         }
+        let position = element.vector("refpos").unwrap_or_default();
+        let [w, x, y, z] = element.numbers("refquat").unwrap_or([1.0, 0.0, 0.0, 0.0]);
+        let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), f64::MIN_POSITIVE).unwrap_or_default();
+        // MuJoCo turns the mesh, then scales it: the factors are those along the axes of the turned file.
+        let turn = rotation.to_rotation_matrix();
+        let factors = turn.matrix() * Matrix3::from_diagonal(&text.scale) * turn.matrix().transpose();
+        let mut scale = factors.diagonal();
+        let least = 1e-6 * text.scale.amin();
+        if !(factors - Matrix3::from_diagonal(&scale)).iter().all(|apart| apart.abs() <= least) {
+            let found = quoted(element.attribute("scale").unwrap_or_default());
+            let expected = "one factor, or axes that `refquat` turns into each other";
+            element.error(ProblemKind::OutOfRange, "scale", &found, expected, "the mesh is scaled, then turned");
+            scale = text.scale;
+        }
         let geometry = match file {
-            Some(file) => Some(PartGeometry::Mesh { path: mesh_path(file, compiler, folder), scale: text.scale }),
-            None => inline(element, text)
+            Some(file) => Some(PartGeometry::Mesh { path: mesh_path(file, compiler, folder), scale }),
+            None => inline(element, scale)
                 .map_err(|(key, found, expected)| {
                     element.error(ProblemKind::OutOfRange, key, &found, &expected, left_out);
                 })
                 .ok(),
         };
-        let position = element.vector("refpos").unwrap_or_default();
-        let [w, x, y, z] = element.numbers("refquat").unwrap_or([1.0, 0.0, 0.0, 0.0]);
-        let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), f64::MIN_POSITIVE).unwrap_or_default();
         let mesh = geometry.map(|geometry| MeshAsset {
             geometry,
-            in_geom: Isometry3::from_parts(text.scale.component_mul(&position).into(), rotation).inverse(),
+            in_geom: Isometry3::from_parts(scale.component_mul(&position).into(), rotation).inverse(),
             weighs: text.weighs,
             mass: OnceCell::new(),
         });
@@ -375,7 +386,7 @@ fn name_of(element: &Element<'_>, file: Option<&str>) -> String {
 }
 
 /// A mesh whose vertices are in the text. An error names the attribute, what it is and what was expected.
-fn inline(element: &Element<'_>, text: &MeshText) -> Result<PartGeometry, (&'static str, String, String)> {
+fn inline(element: &Element<'_>, scale: Vector3<f64>) -> Result<PartGeometry, (&'static str, String, String)> {
     let vertices = element.numbers_in("vertex", 0..=usize::MAX).unwrap_or_default();
     let numbers = element.numbers_in("face", 0..=usize::MAX).unwrap_or_default();
     let vectors: Vec<[f64; 3]> = vertices.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect();
@@ -395,5 +406,5 @@ fn inline(element: &Element<'_>, text: &MeshText) -> Result<PartGeometry, (&'sta
         element.warn(ProblemKind::Absent, "face", "", "triangles", action);
     }
     let mesh = Mesh::of_triangles(&vectors, &triangles).unwrap_or_default();
-    Ok(PartGeometry::Triangles(Arc::new(mesh.scaled_along(text.scale.into()))))
+    Ok(PartGeometry::Triangles(Arc::new(mesh.scaled_along(scale.into()))))
 }

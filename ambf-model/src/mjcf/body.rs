@@ -326,10 +326,7 @@ impl<'a> Reading<'_, 'a> {
         if mass < 0.0 {
             element.error(ProblemKind::OutOfRange, "mass", &mass.to_string(), "a mass in kg, at least 0", "0 is used");
         }
-        if mass <= 0.0 || self.compiler.from_geoms == FromGeoms::Always {
-            return;
-        }
-        body.mass = Mass { mass, centre: pose.translation.vector, inertia: nalgebra::Matrix3::zeros() };
+        body.mass.mass = mass.max(0.0);
         let full: Option<[f64; 6]> = element.numbers("fullinertia");
         let (moments, axes) = match full {
             Some([xx, yy, zz, xy, xz, yz]) => diagonalised(nalgebra::Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)),
@@ -337,7 +334,7 @@ impl<'a> Reading<'_, 'a> {
         };
         let key = if full.is_some() { "fullinertia" } else { "diaginertia" };
         // What a joint carries needs a moment of its own; a mass that is fixed to another body may be a point.
-        let is_point = moments.min() == 0.0 && body.joints.is_empty();
+        let is_point = moments.min() == 0.0 && (body.joints.is_empty() || body.mass.mass == 0.0);
         if moments.min() <= 0.0 && !is_point {
             let found = format!("the principal moments {:.3e}, {:.3e}, {:.3e}", moments.x, moments.y, moments.z);
             let action = "it is estimated from the shapes that collide";
@@ -354,10 +351,10 @@ impl<'a> Reading<'_, 'a> {
         let parent_is_static = all[all[index].parent].is_static;
         let body = &mut all[index];
         body.is_static = parent_is_static && body.joints.is_empty();
-        if body.principal.is_none() {
-            let parts: Vec<Mass> = body.geoms.iter().filter_map(|geom| geom.mass).collect();
-            body.mass = Mass::sum(&parts);
-            body.principal = (body.mass.mass > 0.0).then(|| body.mass.principal());
+        let parts: Vec<Mass> = body.geoms.iter().filter_map(|geom| geom.mass).collect();
+        let of_geoms = Mass::sum(&parts);
+        if of_geoms.mass > 0.0 && (body.principal.is_none() || self.compiler.from_geoms == FromGeoms::Always) {
+            (body.mass, body.principal) = (of_geoms, Some(of_geoms.principal()));
         }
         let is_usable = |number: f64| number == 0.0 || number > 0.0 && number.is_finite() && number.recip().is_finite();
         let moments = body.principal.map_or(Vector3::zeros(), |(moments, _)| moments);
@@ -370,8 +367,12 @@ impl<'a> Reading<'_, 'a> {
             body.element.error(ProblemKind::OutOfRange, "inertial", &found, expected, "the body has no mass");
             (body.mass, body.principal) = (Mass::default(), None);
         }
-        if let (Some((moments, _)), false) = (&mut body.principal, body.is_static) {
-            let Compiler { least_mass, least_moment, .. } = *self.compiler;
+        let Compiler { least_mass, least_moment, .. } = *self.compiler;
+        if body.principal.is_none() && (least_mass > 0.0 || least_moment > 0.0) {
+            // Where MuJoCo has the centre of mass of a body that says nothing of it: as far from its frame as that is from the parent's.
+            body.principal = Some((Vector3::zeros(), body.in_parent));
+        }
+        if let Some((moments, _)) = &mut body.principal {
             body.mass.mass = body.mass.mass.max(least_mass);
             *moments = moments.map(|moment| moment.max(least_moment));
             let misses = 2.0 * moments.max() > moments.sum() * (1.0 + ROUNDING);

@@ -325,8 +325,8 @@ fn rigid_body(
         false => (!has_shape).then(|| sphere(mass)),
     };
     match &body.principal {
-        Some((given, pose)) if body.mass.mass > 0.0 => {
-            made.mass = body.mass.mass;
+        Some((given, pose)) if body.mass.mass > 0.0 || given.min() > 0.0 => {
+            made.mass = body.mass.mass.max(massless.0);
             made.inertia = moments(*given, made.mass);
             made.inertial_offset = Some(*pose);
         }

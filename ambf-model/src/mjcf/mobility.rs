@@ -139,7 +139,7 @@ impl Axis {
 
 /// Spatial inertia about a point, in world axes.
 fn spatial(body: &Body<'_>, about: &Point3<f64>) -> Matrix6<f64> {
-    let Some((moments, pose)) = body.principal.filter(|_| body.mass.mass > 0.0) else { return Matrix6::zeros() };
+    let Some((moments, pose)) = body.principal else { return Matrix6::zeros() };
     let pose = body.in_world * pose;
     let turn = pose.rotation.to_rotation_matrix();
     let cross = (Point3::from(pose.translation.vector) - about).cross_matrix();

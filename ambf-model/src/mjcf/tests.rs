@@ -245,9 +245,7 @@ fn inertia_as_written_or_of_the_geoms() {
     assert!((found.mass - 6.0).abs() < 1e-15 && (found.inertia.expect("found") - Vector3::repeat(1.0)).amax() < 1e-12);
     assert_eq!(a("<compiler settotalmass='1'/>").mass, 1.0);
     assert_eq!(a("<compiler boundmass='4' boundinertia='2.5'/>").inertia, Some(Vector3::new(2.5, 2.5, 3.0)));
-    let (model, problems) = read(&text("<compiler inertiafromgeom='true' inertiagrouprange='0 1'/>"));
-    assert!(problems.len() == 1 && problems[0].contains("body a / inertial` is missing"), "{problems:?}");
-    assert_eq!(body(&model, "a").mass, 1.0);
+    assert_eq!(a("<compiler inertiafromgeom='true' inertiagrouprange='0 1'/>").mass, 3.0, "no geom of these groups");
     let full = text("").replace("diaginertia='1 2 3' euler='0 0 90'", "fullinertia='2 2 3 1 0 0'");
     let found = body(&clean(&full), "a").clone();
     let mut moments: Vec<f64> = found.inertia.expect("given").iter().copied().collect();
@@ -501,6 +499,49 @@ fn surfaces_weigh() {
     let expected = [83.61153027492016, 70.54103380656348, 32.02464549016047];
     assert!(moments.iter().zip(expected).all(|(a, b)| (a / b - 1.0).abs() < 1e-6), "{moments:?}");
     assert!((b.mass / 102.53885959956261 - 1.0).abs() < 1e-7, "{}", b.mass);
+}
+
+/// Numbers of MuJoCo 4.0.0: `body_mass`, `body_inertia`, `body_ipos`.
+#[test]
+fn bounds_are_of_bodies_without_a_mass_too() {
+    let read = |compiler: &str, a: &str| {
+        let text = format!(
+            "<mujoco><compiler {compiler}/><worldbody><body name='a' pos='1 2 3'><joint name='p'/>{a}
+               <body name='b' pos='0 0 1'><geom size='0.1'/></body></body></worldbody></mujoco>"
+        );
+        let a = body(&clean(&text), "a").clone();
+        let place = a.inertial_offset.map(|offset| offset.translation.vector);
+        (a.mass, a.inertia.map(|moments| moments.x), place.map(|place| place.x))
+    };
+    let both = "boundmass='0.5' boundinertia='0.2'";
+    assert_eq!(read(both, ""), (0.5, Some(0.2), Some(1.0)));
+    assert_eq!(read(both, "<geom size='.1' mass='0' pos='4 0 0'/>"), (0.5, Some(0.2), Some(1.0)));
+    assert_eq!(read(both, "<inertial mass='0' pos='0.3 0 0' diaginertia='0 0 0'/>"), (0.5, Some(0.2), Some(0.3)));
+    let (mass, moment, _) = read("boundinertia='0.2'", "");
+    assert!(mass < 1e-6 && moment == Some(0.2));
+    let (mass, moment, _) = read("", "<inertial mass='0' pos='0.3 0 0' diaginertia='1 1 1'/>");
+    assert!(mass < 1e-6 && moment == Some(1.0));
+    let (mass, ..) = read(
+        "inertiafromgeom='true'",
+        "<inertial mass='3' pos='0 0 0' diaginertia='1 1 1'/><geom mass='0' size='.1'/>",
+    );
+    assert_eq!(mass, 3.0);
+}
+
+/// MuJoCo 4.0.0 has the centre of mass at (0.36363636, 1.72727273, -0.61363636).
+#[test]
+fn meshes_are_turned_and_then_scaled() {
+    let text = |rest: &str| {
+        format!(
+            "<mujoco><asset><mesh name='m' {rest} vertex='0 0 0 1 0 0 0 2 0 0 0 3 1 1 1' face='0 2 1 0 1 3 0 3 2 1 2 4 2 3 4 3 1 4'/></asset>
+             <worldbody><body name='a'><freejoint/><geom type='mesh' mesh='m'/></body></worldbody></mujoco>"
+        )
+    };
+    let centre = |model: &Model| body(model, "a").inertial_offset.expect("a centre").translation.vector;
+    let found = centre(&clean(&text("scale='1 2 1' refquat='1 1 0 0'")));
+    assert!((found - Vector3::new(0.36363636, 1.72727273, -0.61363636)).amax() < 1e-8, "{found}");
+    let (_, problems) = read(&text("scale='1 2 1' refquat='2 1 0 0'"));
+    assert!(problems.len() == 1 && problems[0].contains("scale` is `1 2 1`, expected one factor"), "{problems:?}");
 }
 
 #[test]
