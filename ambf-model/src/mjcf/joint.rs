@@ -154,9 +154,11 @@ pub(super) struct Joint<'a> {
     pub stiffness: f64,
     /// Coordinate at which the spring is at rest, rad or m.
     pub rest: f64,
-    /// Time constant, s, and damping ratio, both above 0, that its spring and damper are to have, and the coordinate of rest. Stiffness and
-    /// damping above are those of others then.
-    pub spring_damper: Option<[f64; 3]>,
+    /// That of the joint's own spring, without what tendons add.
+    pub own_rest: f64,
+    /// Time constant, s, and damping ratio, both above 0, that its spring and damper are to have. Stiffness and damping above are those of
+    /// others then.
+    pub spring_damper: Option<[f64; 2]>,
 }
 
 impl<'a> Joint<'a> {
@@ -186,18 +188,18 @@ impl<'a> Joint<'a> {
             drive_train: DriveTrain::default(),
             stiffness: 0.0,
             rest: 0.0,
+            own_rest: 0.0,
             spring_damper: None,
         };
         let is_limited = text.limited.counts(text.range, compiler);
-        let [time, ratio] = text.spring_damper;
-        let spring_damper = (time > 0.0 && ratio > 0.0).then(|| [time, ratio, in_si(text.spring_reference)]);
+        let spring_damper = Some(text.spring_damper).filter(|numbers| numbers.iter().all(|number| *number > 0.0));
         if !joint.has_coordinate() {
             let lost = [
                 ("damping", text.damping),
                 ("stiffness", text.stiffness),
                 ("frictionloss", text.friction),
                 ("armature", text.armature),
-                ("springdamper", spring_damper.map_or(0.0, |[time, ..]| time)),
+                ("springdamper", spring_damper.map_or(0.0, |[time, _]| time)),
             ];
             for (name, value) in lost.into_iter().filter(|(_, value)| *value != 0.0) {
                 joint.lose(name, value);
@@ -208,7 +210,8 @@ impl<'a> Joint<'a> {
             return joint;
         }
         joint.reference = in_si(text.reference);
-        joint.rest = in_si(text.spring_reference);
+        joint.own_rest = in_si(text.spring_reference);
+        joint.rest = joint.own_rest;
         joint.stiffness = if spring_damper.is_some() { 0.0 } else { text.stiffness };
         joint.spring_damper = spring_damper;
         if is_limited {

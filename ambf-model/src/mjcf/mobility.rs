@@ -24,11 +24,11 @@ pub(super) fn set_ratios(bodies: &mut Bodies<'_>, drives: &mut Drives) {
         if let Some(drive) = drives.get_mut(&joint.name) {
             drive.set_ratio(mobility);
         }
-        let Some([time, ratio, rest]) = joint.spring_damper else { continue };
+        let Some([time, ratio]) = joint.spring_damper else { continue };
         let inertia = mobility.recip();
         let (stiffness, damping) = (inertia / (time * ratio).powi(2), 2.0 * inertia / time);
         if stiffness.is_finite() && stiffness > 0.0 && damping.is_finite() {
-            joint.add_spring(stiffness, rest);
+            joint.add_spring(stiffness, joint.own_rest);
             joint.drive_train.damping += damping;
         } else {
             let found = format!("with the inertia {inertia:.1e} a stiffness of {stiffness:.1e}");

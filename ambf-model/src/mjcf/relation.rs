@@ -98,7 +98,9 @@ impl TendonText {
         let friction = arm.abs() * self.friction;
         let [stiffness, damping, armature] = [self.stiffness, self.damping, self.armature].map(|own| square * own);
         let limits = self.range.map(|length| length / arm);
-        if !([stiffness, damping, armature, friction].into_iter().chain(limits).all(|own| own.abs() <= MOST)) {
+        let [low, high] = self.rest.map_or([joint.own_rest; 2], |lengths| lengths.map(|length| length / arm));
+        let numbers = [stiffness, damping, armature, friction, low, high].into_iter().chain(limits);
+        if !numbers.map(f64::abs).all(|number| number <= MOST) {
             let expected = "numbers that joints can have";
             element.error(ProblemKind::OutOfRange, "", &format!("{arm:e} long"), expected, "it has nothing of its own");
             return;
@@ -108,12 +110,11 @@ impl TendonText {
         losses.friction += friction;
         losses.armature += armature;
         if stiffness > 0.0 {
-            let [low, high] = self.rest.unwrap_or([arm * joint.rest; 2]);
             if low != high {
-                let found = format!("{low} to {high}");
+                let found = quoted(element.attribute("springlength").unwrap_or_default());
                 element.warn(ProblemKind::OutOfRange, "springlength", &found, "one length", "their mean is used");
             }
-            joint.add_spring(stiffness, (low + high) / 2.0 / arm);
+            joint.add_spring(stiffness, (low + high) / 2.0);
         }
         if self.limited.counts(self.range, compiler) {
             let [a, b] = limits;
