@@ -11,6 +11,7 @@ use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use super::classes::Classes;
 use super::field::{Field, Unusable};
 use super::geom::mesh_path;
+use super::hull::hull;
 use super::mass::{of_mesh, Mass, MeshMass};
 use super::settings::{choice, finish, Compiler};
 use super::source::{written_path, Source, Surroundings};
@@ -121,21 +122,12 @@ impl MeshText {
         finish(element, &read, &unused, &["plugin"]);
         self.scale = element.vector("scale").unwrap_or(self.scale);
         let words = [
-            ("exact", Some(MeshMass::Exact)),
-            ("legacy", Some(MeshMass::Legacy)),
-            ("shell", Some(MeshMass::Shell)),
-            ("convex", None),
+            ("exact", MeshMass::Exact),
+            ("legacy", MeshMass::Legacy),
+            ("convex", MeshMass::Convex),
+            ("shell", MeshMass::Shell),
         ];
-        match choice(element, "inertia", &words) {
-            Some(Some(what)) => self.weighs = what,
-            Some(None) => {
-                let action = "that of the enclosed volume is used";
-                let found = quoted(element.attribute("inertia").unwrap_or_default());
-                element.warn(ProblemKind::UnknownValue, "inertia", &found, "exact, legacy or shell", action);
-                self.weighs = MeshMass::Exact;
-            }
-            None => (),
-        }
+        self.weighs = choice(element, "inertia", &words).unwrap_or(self.weighs);
     }
 }
 
@@ -337,7 +329,13 @@ impl<'a> Assets<'a> {
         let triangles = mesh.sub_meshes.iter().flat_map(|sub| {
             sub.triangles.iter().map(|triangle| triangle.map(|index| Vector3::from(sub.vertices[index as usize])))
         });
-        let mass = of_mesh(triangles, asset.weighs);
+        // What has no triangles has those of its hull, as in MuJoCo.
+        let mass = if asset.weighs == MeshMass::Convex || mesh.triangle_count() == 0 {
+            let corners = mesh.sub_meshes.iter().flat_map(|sub| &sub.vertices).map(|&vertex| Vector3::from(vertex));
+            of_mesh(hull(&corners.collect::<Vec<_>>()).into_iter(), asset.weighs)
+        } else {
+            of_mesh(triangles, asset.weighs)
+        };
         (mass.mass.is_finite() && mass.mass > 0.0 && mass.inertia.iter().all(|x| x.is_finite())).then_some(mass)
     }
 
@@ -402,7 +400,7 @@ fn inline(element: &Element<'_>, scale: Vector3<f64>) -> Result<PartGeometry, (&
         return Err(("face", format!("{} numbers", numbers.len()), expected));
     }
     if triangles.is_empty() {
-        let action = "it collides as the hull of its vertices, is not drawn and weighs nothing";
+        let action = "it collides and weighs as the hull of its vertices, and is not drawn";
         element.warn(ProblemKind::Absent, "face", "", "triangles", action);
     }
     let mesh = Mesh::of_triangles(&vectors, &triangles).unwrap_or_default();

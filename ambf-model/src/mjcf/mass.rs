@@ -136,6 +136,8 @@ pub(super) enum MeshMass {
     Exact,
     /// All pyramids count positive, as in MuJoCo where a mesh says nothing else: the same for convex meshes, more for others.
     Legacy,
+    /// The convex hull.
+    Convex,
     /// The surface.
     Shell,
 }
@@ -167,10 +169,10 @@ fn squares(corners: &[Vector3<f64>; 3]) -> Matrix3<f64> {
     corners.iter().map(|corner| corner * corner.transpose()).sum::<Matrix3<f64>>() + sum * sum.transpose()
 }
 
-/// Mass and inertia of a mesh of density 1.
+/// Mass and inertia of a mesh of density 1; of the triangles of its hull where that weighs.
 pub(super) fn of_mesh<'a>(triangles: impl Iterator<Item = [Vector3<f64>; 3]> + Clone + 'a, kind: MeshMass) -> Mass {
     match kind {
-        MeshMass::Exact => of_volume(triangles, |volume| volume),
+        MeshMass::Exact | MeshMass::Convex => of_volume(triangles, |volume| volume),
         MeshMass::Legacy => of_volume(triangles, f64::abs),
         MeshMass::Shell => of_surface(triangles),
     }

@@ -15,6 +15,7 @@ mod contact;
 mod convert;
 mod field;
 mod geom;
+mod hull;
 mod joint;
 mod keyframe;
 mod mass;

@@ -544,6 +544,27 @@ fn meshes_are_turned_and_then_scaled() {
     assert!(problems.len() == 1 && problems[0].contains("scale` is `1 2 1`, expected one factor"), "{problems:?}");
 }
 
+/// Numbers of MuJoCo 4.0.0: `body_mass`.
+#[test]
+fn hulls_weigh() {
+    // A cube from which a pyramid is cut out, with its top at the centre.
+    let faces = "0 1 8 1 3 8 3 2 8 2 0 8 4 6 5 5 6 7 0 4 1 1 4 5 2 3 6 3 7 6 0 2 4 2 6 4 1 5 3 3 5 7";
+    let mass = |inertia: &str, faces: &str| {
+        let (model, _) = read(&format!(
+            "<mujoco><asset><mesh name='m' inertia='{inertia}' vertex='0 0 0 0 0 1 0 1 0 0 1 1 1 0 0 1 0 1 1 1 0 1 1 1 0.5 0.5 0.5' {faces}/></asset>
+             <worldbody><body name='a'><freejoint/><geom type='mesh' mesh='m' density='6'/></body></worldbody></mujoco>"
+        ));
+        body(&model, "a").mass
+    };
+    let with_faces = format!("face='{faces}'");
+    for (inertia, faces, expected) in
+        [("exact", with_faces.as_str(), 5.0), ("convex", &with_faces, 6.0), ("legacy", "", 6.0), ("shell", "", 36.0)]
+    {
+        let found = mass(inertia, faces);
+        assert!((found - expected).abs() < 1e-12, "{inertia}: {found}");
+    }
+}
+
 #[test]
 fn equalities_close_loops() {
     let model = clean(&format!(
@@ -801,7 +822,10 @@ fn meshes_whose_vertices_are_in_the_text() {
 
     let with_mass = |mesh: &str| text(mesh).replace("pos='0 0 5'", "mass='0'/><geom size='1'");
     let (model, problems) = read(&with_mass("vertex='0 0 0 1 0 0 0 1 0 0 0 1'"));
-    assert!(problems.len() == 1 && problems[0].contains("it collides as the hull of its vertices"), "{problems:?}");
+    assert!(
+        problems.len() == 1 && problems[0].contains("it collides and weighs as the hull of its vertices"),
+        "{problems:?}"
+    );
     assert!(matches!(&body(&model, "b").collision, CollisionGeometry::Parts { parts, .. } if parts.len() == 2));
     for (mesh, expected) in [
         ("", "mesh m / vertex` is absent, as `file` is, expected three numbers each vertex, or a file"),
