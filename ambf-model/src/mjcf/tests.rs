@@ -517,6 +517,8 @@ fn bounds_are_of_bodies_without_a_mass_too() {
     assert_eq!(read(both, ""), (0.5, Some(0.2), Some(1.0)));
     assert_eq!(read(both, "<geom size='.1' mass='0' pos='4 0 0'/>"), (0.5, Some(0.2), Some(1.0)));
     assert_eq!(read(both, "<inertial mass='0' pos='0.3 0 0' diaginertia='0 0 0'/>"), (0.5, Some(0.2), Some(0.3)));
+    let (mass, ..) = read("", "<inertial mass='0' pos='0 0 0' diaginertia='0 0 0'/><geom size='.1'/>");
+    assert!(mass < 1e-6, "geoms do not count beside an inertial");
     let (mass, moment, _) = read("boundinertia='0.2'", "");
     assert!(mass < 1e-6 && moment == Some(0.2));
     let (mass, moment, _) = read("", "<inertial mass='0' pos='0.3 0 0' diaginertia='1 1 1'/>");
