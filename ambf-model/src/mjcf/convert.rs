@@ -28,6 +28,9 @@ const LEAST: f64 = 1e-200;
 /// Mass, kg, where nothing has one.
 const MASS: f64 = 1.0;
 
+/// Largest rate at which damping makes a body slower, 1/s: shares of a velocity that are lost in 1 s hardly come closer to 1.
+const FASTEST_LOSS: f64 = 30.0;
+
 /// Radius of the solid sphere whose inertia a body gets that has none and no shape either, m.
 const RADIUS: f64 = 0.1;
 
@@ -335,10 +338,37 @@ fn rigid_body(
             made.inertia = moments(massless.1, made.mass);
         }
     }
+    let joint = body.joints.iter().find(|joint| joint.kind == Kind::Free && joint.drive_train.damping != 0.0);
+    if let Some(joint) = joint.filter(|_| context.options.has_damping) {
+        damp(&mut made, body, joint);
+    }
     if body.lift != 0.0 {
         made.gravity = Some(context.options.gravity * (1.0 - body.lift));
     }
     made
+}
+
+/// Gives a body the damping of its free joint, N·s/m and N·m·s/rad. A body has shares of velocities that it loses in 1 s: those of its
+/// centre of mass, about all axes the same.
+fn damp(made: &mut RigidBody, body: &Body<'_>, joint: &Joint<'_>) {
+    let damping = joint.drive_train.damping;
+    let (Some(moments), true) = (made.inertia, body.mass.mass > 0.0) else { return joint.lose("damping", damping) };
+    let rates = [damping / made.mass, damping / moments.mean()];
+    let share = |rate: f64| -(-rate.min(FASTEST_LOSS)).exp_m1();
+    (made.surface.linear_damping, made.surface.angular_damping) = (share(rates[0]), share(rates[1]));
+    let centre = made.inertial_offset.map_or(0.0, |offset| offset.translation.vector.amax());
+    let is_alike = moments.max() - moments.min() <= 1e-6 * moments.max() && centre <= 1e-9;
+    if !(is_alike && rates.iter().all(|rate| *rate <= FASTEST_LOSS)) {
+        let found = format!(
+            "{damping}: what is lost are {:.1e}/s of the velocity and {:.1e}/s of the turning",
+            rates[0], rates[1]
+        );
+        let expected =
+            format!("at most {FASTEST_LOSS}/s of a body with equal moments and its centre of mass at its frame");
+        let action =
+            format!("about the centre of mass it loses that, with the mean of its moments, {FASTEST_LOSS}/s at most");
+        joint.element.warn(ProblemKind::OutOfRange, "damping", &found, &expected, &action);
+    }
 }
 
 /// What surfaces of a body are like: friction of the geom with the highest priority, or else the highest.

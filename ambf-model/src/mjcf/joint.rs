@@ -194,8 +194,11 @@ impl<'a> Joint<'a> {
         let is_limited = text.limited.counts(text.range, compiler);
         let spring_damper = Some(text.spring_damper).filter(|numbers| numbers.iter().all(|number| *number > 0.0));
         if !joint.has_coordinate() {
+            // Bodies have a damping.
+            let (kept, damping) = if kind == Kind::Free { (text.damping, 0.0) } else { (0.0, text.damping) };
+            joint.drive_train.damping = kept;
             let lost = [
-                ("damping", text.damping),
+                ("damping", damping),
                 ("stiffness", text.stiffness),
                 ("frictionloss", text.friction),
                 ("armature", text.armature),
@@ -230,7 +233,8 @@ impl<'a> Joint<'a> {
         joint
     }
 
-    fn lose(&self, name: &str, value: f64) {
+    /// Says that something has no effect.
+    pub fn lose(&self, name: &str, value: f64) {
         let found = format!("{value:.3e}");
         let kind = if self.kind == Kind::Free { "free" } else { "ball" };
         let expected = format!("none of a {kind} joint");

@@ -378,12 +378,38 @@ fn what_has_no_inertia_has_no_time_constant() {
 #[test]
 fn losses_of_free_joints_are_named() {
     let text = "<mujoco><default><joint damping='1'/></default><worldbody><body><freejoint/><geom size='1'/></body>
-         <body><joint name='j' type='free' armature='0.5'/><geom size='1'/></body></worldbody></mujoco>";
+         <body><joint name='j' type='free' armature='0.5' stiffness='1'/><geom size='1'/></body>
+         <body><joint name='k' type='free'/><body><geom size='1'/></body></body></worldbody></mujoco>";
     let (_, problems) = read(text);
-    for (problem, expected) in problems.iter().zip(["joint j / damping` is 1", "joint j / armature` is 5"]) {
+    for (problem, expected) in problems.iter().zip(["joint j / stiffness", "joint j / armature", "joint k / damping"]) {
         assert!(problem.contains(expected) && problem.contains("expected none of a free joint"), "{problem}");
     }
-    assert_eq!(problems.len(), 2, "{problems:?}");
+    assert_eq!(problems.len(), 3, "{problems:?}");
+}
+
+/// d v / d t = −d v / m, and so on: after 1 s exp(−d / m) of the velocity is left.
+#[test]
+fn bodies_have_the_damping_of_their_free_joints() {
+    let text = |damping: &str, geom: &str| {
+        world(&format!(
+            "<body name='a'><joint type='free' damping='{damping}'/><geom type='box' mass='2' {geom}/></body>"
+        ))
+    };
+    let surface = |model: &Model| body(model, "a").surface;
+    let cube = surface(&clean(&text("0.01", "size='0.1 0.1 0.1'")));
+    let moment = 2.0 * 0.2 * 0.2 / 6.0;
+    assert!((cube.linear_damping - (1.0 - (-0.005f64).exp())).abs() < 1e-15);
+    assert!((cube.angular_damping - (1.0 - (-0.01f64 / moment).exp())).abs() < 1e-15);
+    let off = text("0.01", "size='0.1 0.1 0.1'")
+        .replace("<worldbody>", "<option><flag damper='disable'/></option><worldbody>");
+    assert_eq!(surface(&clean(&off)).linear_damping, 0.0);
+    for (damping, geom) in
+        [("0.01", "size='0.1 0.2 0.1'"), ("0.01", "size='0.1 0.1 0.1' pos='0.1 0 0'"), ("10", "size='0.1 0.1 0.1'")]
+    {
+        let (model, problems) = read(&text(damping, geom));
+        assert!(problems.len() == 1 && problems[0].contains("expected at most 30/s of a body with"), "{problems:?}");
+        assert!(surface(&model).angular_damping < 1.0);
+    }
 }
 
 #[test]
