@@ -70,6 +70,30 @@ fn springs_swing_about_their_rest() {
 }
 
 #[test]
+fn time_constants_are_those_of_the_motion() {
+    // Critically damped: x = 0.1 (1 − (1 + t / 0.1 s) exp(−t / 0.1 s)) m, whatever the mass is.
+    let text = "<mujoco><option gravity='0 0 0'/><worldbody><body name='a'><joint name='x' type='slide' axis='1 0 0' springdamper='0.1 1' \
+                springref='0.1'/><inertial mass='3' pos='0 0 0' diaginertia='1 1 1'/></body></worldbody></mujoco>";
+    let mut bench = bench(Profile::Accurate, text);
+    for share in [1.0f64, 2.0] {
+        bench.steps((0.1 / DT).round() as u32);
+        close(bench.position("a").x, 0.1 * (1.0 - (1.0 + share) * (-share).exp()), 2e-4);
+    }
+}
+
+#[test]
+fn free_bodies_have_the_damping_of_their_joint() {
+    // v = −g / r (1 − exp(−r t)) with r = d / m.
+    let text = "<mujoco><option gravity='0 0 -2'/><worldbody><body name='a'><joint type='free' damping='1.5'/><geom size='0.5' mass='1'/>\
+                </body></worldbody></mujoco>";
+    for profile in PROFILES {
+        let mut bench = bench(profile, text);
+        bench.steps((1.0 / DT).round() as u32);
+        close(bench.velocity("a").0.z, -2.0 / 1.5 * (1.0 - (-1.5f64).exp()), 0.005);
+    }
+}
+
+#[test]
 fn position_actuators_hold_their_target() {
     // kp 50 against a weight: the error is that of MuJoCo, torque over kp.
     let text = "<mujoco><worldbody><body name='a'><joint name='j' axis='0 1 0' damping='1'/>\
