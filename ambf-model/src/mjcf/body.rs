@@ -337,7 +337,8 @@ impl<'a> Reading<'_, 'a> {
         let is_point = moments.min() == 0.0 && (body.joints.is_empty() || body.mass.mass == 0.0);
         if moments.min() <= 0.0 && !is_point {
             let found = format!("the principal moments {:.3e}, {:.3e}, {:.3e}", moments.x, moments.y, moments.z);
-            let action = "it is estimated from the shapes that collide";
+            let is_fixed = body.joints.is_empty();
+            let action = if is_fixed { "they are 0" } else { "it is estimated from the shapes that collide" };
             element.error(ProblemKind::OutOfRange, key, &found, "three moments above 0", action);
             body.principal = Some((Vector3::zeros(), pose));
             return;

@@ -329,7 +329,7 @@ fn rigid_body(
     };
     match &body.principal {
         Some((given, pose)) if body.mass.mass > 0.0 || given.min() > 0.0 => {
-            made.mass = body.mass.mass.max(massless.0);
+            made.mass = if body.mass.mass > 0.0 { body.mass.mass } else { massless.0 };
             made.inertia = moments(*given, made.mass);
             made.inertial_offset = Some(*pose);
         }

@@ -504,8 +504,14 @@ fn masses_that_are_fixed_to_bodies_may_be_points() {
     let point = clean(&text(""));
     let p = body(&point, "p");
     assert!(p.mass == 2.0 && p.inertia.expect("tiny").amax() < 1e-8, "{:?}", p.inertia);
+    let (_, problems) = read(&text("").replace("0 0 0'/>", "-1 1 1'/>"));
+    assert!(problems.len() == 1 && problems[0].contains("moments above 0; they are 0"), "{problems:?}");
+    let light = world(
+        "<body name='a'><freejoint/><inertial mass='1e-9' pos='0 0 0' diaginertia='1e-9 1e-9 1e-9'/><body><geom size='1'/></body></body>",
+    );
+    assert_eq!(body(&clean(&light), "a").mass, 1e-9, "as it is written, however much hangs on it");
     let (model, problems) = read(&text("<joint/>"));
-    assert!(problems.len() == 1 && problems[0].contains("expected three moments above 0"), "{problems:?}");
+    assert!(problems.len() == 1 && problems[0].contains("moments above 0; it is estimated"), "{problems:?}");
     assert_eq!(body(&model, "p").inertia, None, "that of the shape");
 }
 
