@@ -20,16 +20,14 @@
 
 #include "accurate_context.h"
 #include "approach.h"
-#include "approximation_energy.h"
 #include "contact_cache.h"
 #include "correction_damping.h"
 #include "coupled_rows.h"
 #include "drive_yielding.h"
 #include "joint_arms.h"
+#include "joint_softness.h"
 #include "position_error.h"
 #include "position_rows.h"
-#include "infeasible_islands.h"
-#include "joint_softness.h"
 #include "spin_energy.h"
 #include "articulation_solver.h"
 
@@ -50,7 +48,6 @@ class AccurateSolver : public Base {
     direct_backoff_ = 0;
     shared_budget_ = 0;
     contacts_.clear();
-    infeasible_.clear();
   }
 
  protected:
@@ -1017,53 +1014,9 @@ class AccurateSolver : public Base {
     if (outcome == AMB_MLCP_NOT_FINITE) return false;
     ++(outcome == AMB_MLCP_SOLVED ? seen.islands_solved : seen.islands_approximate);
     write_velocities();
-    if (outcome != AMB_MLCP_SOLVED) limit_energy();
     note_depth();
     correct_positions(info, budget, true);
     return true;
-  }
-
-  // Takes from an approximation what it adds to the kinetic energy of rigid bodies beyond the work of forces and
-  // drives. Inlined into its rare call it would cost the iterations of large islands a fifth of their time.
-  [[gnu::noinline]] void limit_energy() {
-    if (!articulations_.empty()) return;
-    ApproximationEnergy energy;
-    const int bodies = this->m_tmpSolverBodyPool.size();
-    for (int i = 0; i < bodies; ++i) {
-      const btSolverBody &b = body(i);
-      if (dynamic_body(i) >= 0) {
-        energy.add(b);
-      } else if (b.m_originalBody && !(b.m_linearVelocity.isZero() && b.m_angularVelocity.isZero())) {
-        // Bodies whose motion is prescribed do any work.
-        return;
-      }
-    }
-    const btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
-    for (int i = 0; i < rows.size(); ++i) {
-      if (joint_errors_[i].is_geometric || rows[i].m_appliedImpulse == 0) continue;
-      btScalar before, forced;
-      find_velocity(rows[i], before, forced);
-      energy.add_drive(rows[i].m_appliedImpulse, before, before + forced + solved_velocity(rows[i]));
-    }
-    const btScalar share = energy.scale();
-    if (share == 1) return;
-    for (int i = 0; i < bodies; ++i) {
-      if (dynamic_body(i) < 0) continue;
-      btSolverBody &b = body(i);
-      const btVector3 linear = b.m_linearVelocity + b.m_externalForceImpulse;
-      const btVector3 angular = b.m_angularVelocity + b.m_externalTorqueImpulse;
-      b.internalGetDeltaLinearVelocity() = (linear + b.internalGetDeltaLinearVelocity()) * share - linear;
-      b.internalGetDeltaAngularVelocity() = (angular + b.internalGetDeltaAngularVelocity()) * share - angular;
-    }
-  }
-
-  // Change of the velocity J v of a row by the solution, m/s or rad/s.
-  btScalar solved_velocity(const btSolverConstraint &row) {
-    btSolverBody &a = body(row.m_solverBodyIdA), &b = body(row.m_solverBodyIdB);
-    return row.m_contactNormal1.dot(a.internalGetDeltaLinearVelocity()) +
-           row.m_relpos1CrossNormal.dot(a.internalGetDeltaAngularVelocity()) +
-           row.m_contactNormal2.dot(b.internalGetDeltaLinearVelocity()) +
-           row.m_relpos2CrossNormal.dot(b.internalGetDeltaAngularVelocity());
   }
 
   // Counts the last solution. Returns what it was.
@@ -1132,53 +1085,32 @@ class AccurateSolver : public Base {
     deepest_ = 0;
   }
 
-  // Solves the position problem, unless all errors are small and this sub-step is not due, or the errors are known to
-  // be infeasible.
+  // Solves the position problem, unless all errors are small and this sub-step is not due.
   void correct_positions(const btContactSolverInfo &info, double budget, bool is_prepared) {
     if (!positions_.are_due(sub_step_)) return;
     AmbBody *const island = first_body();
     if (!island) return;
-    const PositionErrors present = positions_.present();
-    if (infeasible_.contain(island, present, sub_step_) || (!is_prepared && prepare() < 0)) return;
-    CorrectionDamping &state = island->correction_damping;
-    double &damping = state.factor, &yielding = state.yielding;
-    const auto [largest, share] = positions_.largest_joint_errors(info.m_timeStep);
-    update_damping(state, present, largest, share, sub_step_, CORRECTION_INTERVAL);
+    if (!is_prepared && prepare() < 0) return;
+    double damping = 1;
     btScalar length = 0;
     const double *left = nullptr;
     for (int round = 0;; ++round) {
-      if (mlcp_table->solve_positions(mlcp_, nullptr, positions_.states(), LEAST_POSITION_SOFTNESS, damping,
-                                      yielding, springs_yield(share) ? yielding : 1, budget) == AMB_MLCP_NOT_FINITE)
+      if (mlcp_table->solve_positions(mlcp_, nullptr, positions_.states(), LEAST_POSITION_SOFTNESS, damping, budget) ==
+          AMB_MLCP_NOT_FINITE)
         return;
       budget -= count_solution().multiplications;
       left = mlcp_table->position_errors(mlcp_);
       length = find_correction_length(info.m_timeStep);
-      const bool is_long =
-          length > LONG_CORRECTION && damping < MOST_DAMPING_OF_LONG_CORRECTIONS && round < MOST_ROUNDS;
-      const bool contradicts = may_yield(state, sub_step_) && positions_.contradict_joints(left, share);
-      if (!contradicts && round == 0) yielding = std::max(1.0, yielding * YIELDING_LOWERED);
-      if (!(is_long || contradicts) || budget <= 0) break;
-      if (is_long) damping = std::min(damping * RAISED_DAMPING, MOST_DAMPING_OF_LONG_CORRECTIONS);
-      if (!contradicts) continue;
-      if (yielding < MOST_YIELDING) {
-        yielding = std::min(yielding * YIELDING_RAISED, MOST_YIELDING);
-      } else {
-        yielding = 1;
-        state.yielded_in_vain = sub_step_;
-      }
+      if (length <= LONG_CORRECTION || round == MOST_ROUNDS || budget <= 0) break;
+      damping *= RAISED_DAMPING;
     }
     ++settings_.statistics.position_problems;
-    const PositionErrors asked = positions_.asked(yielding), after = positions_.after(left, yielding);
-    state.left[0] = asked.linear > 0 ? after.linear / asked.linear : 0;
-    state.left[1] = asked.angular > 0 ? after.angular / asked.angular : 0;
-    const PositionErrors expected = positions_.expected(left, mlcp_table->impulses(mlcp_), yielding);
-    state.expected[0] = std::max(state.expected[0], expected.linear);
-    state.expected[1] = std::max(state.expected[1], expected.angular);
-    const double moved = positions_.correction_energy(left, yielding) / damping;
+    const PositionErrors asked = positions_.asked(), after = positions_.after(left);
+    const double moved = positions_.correction_energy(left) / damping;
+    const PositionErrors present = positions_.present();
     const double sum = (present.linear + present.angular) * info.m_timeStep * info.m_timeStep;
-    if (InfeasibleIslands::is_uncorrectable(asked, after) ||
-        (InfeasibleIslands::is_soft(asked, after, moved, positions_.springs_yield(yielding)) && leave_alone(state, sum))) {
-      infeasible_.add(island, present, sub_step_);
+    if (is_uncorrectable(asked, after) ||
+        (is_soft(asked, after, moved) && leave_alone(island->error_left_alone, sum))) {
       scale_corrections(0);
       return;
     }
@@ -1341,7 +1273,6 @@ class AccurateSolver : public Base {
   unsigned sub_step_ = 0, resets_ = 0;
   double correction_share_ = 1;
   PositionRows positions_;
-  InfeasibleIslands infeasible_;
   // Largest penetration depth of a contact of the island, m.
   btScalar deepest_ = 0;
   // Sides of the rows that act on articulations. These rows come last.

@@ -494,12 +494,10 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
   constexpr btScalar MAX_DECAY = 0.2;
   // Rounding error of the internal energy, as a share of the kinetic energy.
   constexpr btScalar ROUNDING = 1e-12;
-  // Share of the internal energy after a step that has diverged.
-  constexpr btScalar LEAST_SHARE = 1e-12;
   // Change of a rate in a sub-step by the acceleration at its beginning, m/s or rad/s, that no real force causes.
   constexpr btScalar MAX_CHANGE = 1e15;
-  // Largest number of parts for accuracy, and for a finite result: light links between heavy ones whip for an instant.
-  constexpr int MAX_PARTS = 100, MAX_PARTS_TO_FINITE = 1600, REFINEMENT = 4;
+  // Largest number of parts.
+  constexpr int MAX_PARTS = 100, REFINEMENT = 4;
   constexpr int PROBES_AT_FIRST = 10, STEPS_BETWEEN_PROBES = 16;
   splits_damping = false;
   for (const Body &body : bodies) {
@@ -582,13 +580,10 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
       begin_again(from, slopes[0]);
       continue;
     }
-    const int most = std::isfinite(after) ? MAX_PARTS : MAX_PARTS_TO_FINITE;
-    if (parts >= most) {
+    if (parts >= MAX_PARTS) {
       // The largest number of sub-intervals was not enough: the excess energy is removed by scaling the velocities.
       btScalar most_energy = allowed;
-      // Positions that have diverged are as meaningless as ones that are not finite.
-      const bool has_diverged = !(after * LEAST_SHARE <= kinetic + btFabs(work));
-      if (has_diverged && is_measured) {
+      if (!std::isfinite(after) && is_measured) {
         most_energy = tangential_step(h, from, start_rate, to, new_rate);
         after = internal_energy();
       }
@@ -596,7 +591,7 @@ void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &ra
       scale = most_energy >= after ? 1 : btSqrt(std::max(most_energy, btScalar(0)) / after);
       break;
     }
-    parts = std::min(parts * REFINEMENT, most);
+    parts = std::min(parts * REFINEMENT, MAX_PARTS);
     begin_again(from, slopes[0]);
   }
   if (!holds) scale = std::numeric_limits<btScalar>::quiet_NaN();

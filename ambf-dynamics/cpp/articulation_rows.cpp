@@ -459,12 +459,10 @@ bool JointRows::rates_by_limits(ArticulationDynamics::Rate &fed) {
 }
 
 bool JointRows::hit_limit() const {
-  // An impulse that was fed forward held the joint during the free motion, too.
-  constexpr btScalar UNSTEADY = 0.1;
   for (size_t i = 0; i < planned.size(); ++i) {
-    if (planned[i].source != LIMIT) continue;
-    const btScalar held = planned[i].member > 0 ? 0 : held_by_limits[planned[i].coordinate];
-    if (btFabs(m_data[i] - held) > UNSTEADY * btFabs(held)) return true;
+    if (planned[i].source != LIMIT || m_data[i] == 0) continue;
+    // An impulse that was fed forward held the joint during the free motion, too.
+    if (planned[i].member > 0 || held_by_limits[planned[i].coordinate] == 0) return true;
   }
   return false;
 }

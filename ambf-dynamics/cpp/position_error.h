@@ -31,8 +31,6 @@ constexpr double POSITION_SOFTNESS = 1e-6, YIELDING_POSITION_SOFTNESS = 1e-4, LE
 // towards it; and the same for soft springs, which are stiffer than what moves with them, and softer than contacts.
 constexpr double SPRING_POSITION_SOFTNESS = 1e-7, STIFF_SPRING = 10;
 constexpr double SOFT_SPRING_POSITION_SOFTNESS = 1e-3, SOFT_SPRING = 1000;
-// Largest CFM, as a share of the diagonal, of a row that constrains a position; softer rows are drives.
-constexpr btScalar MAX_GEOMETRIC_SOFTNESS = 1e-3;
 // Largest turn in a sub-step for which the motion of joint frames is approximated to second order, rad.
 constexpr btScalar MAX_CURVED_TURN = 0.3;
 

@@ -8,7 +8,6 @@
 
 #include "../include/ambf_mlcp.h"
 #include "correction_damping.h"
-#include "infeasible_islands.h"
 #include "position_error.h"
 
 class PositionRows {
@@ -19,7 +18,7 @@ class PositionRows {
   void clear() {
     rows_.clear();
     states_.clear();
-    needs_correction_ = is_urgent_ = has_springs_ = false;
+    needs_correction_ = is_urgent_ = false;
   }
 
   // Adds the next row. `share`: of its position error that is corrected; `arm`: lever arm of the joint, m, 0: not known;
@@ -35,7 +34,6 @@ class PositionRows {
     const bool is_contact = kind == Kind::Contact;
     rows_.push_back({target, target / share, weight, row.cfm, is_angular, is_joint, is_contact, is_contact ? CONTACT_ARM : arm});
     states_.push_back(is_low ? AMB_MLCP_LOW : is_high ? AMB_MLCP_HIGH : AMB_MLCP_FREE);
-    has_springs_ = has_springs_ || (row.is_drive && row.in_positions);
     if (!counts) return;
     const double asked = std::fabs(row.position_target) / least_correction;
     needs_correction_ = needs_correction_ || asked > 1;
@@ -52,63 +50,25 @@ class PositionRows {
   const unsigned char *states() const { return states_.data(); }
 
   PositionErrors present() const {
-    return sums([&](size_t i) { return rows_[i].error; }, 1);
+    return sums([&](size_t i) { return rows_[i].error; });
   }
-  // Of the part that is corrected. `yielding`, here and below: multiple of the CFM of contacts, limits and springs.
-  PositionErrors asked(double yielding) const {
-    return sums([&](size_t i) { return rows_[i].target; }, yielding);
+  // Of the part that is corrected.
+  PositionErrors asked() const {
+    return sums([&](size_t i) { return rows_[i].target; });
   }
   // `left`, here and below: what the position problem leaves of the targets, one a row.
-  PositionErrors after(const double *left, double yielding) const {
-    return sums([&](size_t i) { return left[i]; }, yielding);
+  PositionErrors after(const double *left) const {
+    return sums([&](size_t i) { return left[i]; });
   }
-  // After this sub-step, as the position problem and, with the impulses `impulses`, the CFM of the velocity problem have it.
-  PositionErrors expected(const double *left, const double *impulses, double yielding) const {
-    const auto error = [&](size_t i) {
-      const Row &row = rows_[i];
-      return row.is_joint ? row.error - row.target + left[i] + row.cfm * impulses[i] : left[i];
-    };
-    return sums(error, yielding);
-  }
-
   // Twice the kinetic energy of the pseudo-velocities of the position problem that was solved, J, for the least damping:
   // the sum of the impulses, which are the errors left over the CFM, times the velocities of the rows.
-  double correction_energy(const double *left, double yielding) const {
+  double correction_energy(const double *left) const {
     double sum = 0;
     for (size_t i = 0; i < rows_.size(); ++i) {
       const Row &row = rows_[i];
-      sum += (row.is_joint ? row.weight : row.weight / yielding) * left[i] * (row.target - left[i]);
+      sum += row.weight * left[i] * (row.target - left[i]);
     }
     return sum / POSITION_SOFTNESS;
-  }
-
-  // Whether there are springs, and they yield.
-  bool springs_yield(double yielding) const { return has_springs_ && yielding > 1; }
-
-  // Whether contacts, limits or springs contradict the joints in the position problem that was solved. `share`: the largest
-  // error of a joint as a share of its lever arm, or rad.
-  bool contradict_joints(const double *left, double share) const {
-    double asked_of_joints = 0, left_of_joints = 0, others = 0;
-    for (size_t i = 0; i < rows_.size(); ++i) {
-      const Row &row = rows_[i];
-      (row.is_joint ? asked_of_joints : others) += row.weight * row.target * row.target;
-      if (row.is_joint) left_of_joints += row.weight * left[i] * left[i];
-    }
-    return contacts_open_joints(asked_of_joints, left_of_joints, others) ||
-           (has_springs_ && ::springs_yield(share) && springs_open_joints(asked_of_joints, left_of_joints));
-  }
-
-  // The largest error of the island's joints, m or rad, and the largest one as a share of its lever arm, or rad, for
-  // sub-steps of h s.
-  std::pair<double, double> largest_joint_errors(double h) const {
-    double largest = 0, share = 0;
-    for (const Row &row : rows_) {
-      if (!row.is_joint) continue;
-      const double error = std::fabs(row.error) * h;
-      largest = std::max(largest, error);
-      if (row.is_angular || row.arm > 0) share = std::max(share, row.is_angular ? error : error / row.arm);
-    }
-    return {largest, share};
   }
 
   // By how much the joints of the island open, and its contacts close, by their CFM in a sub-step of h s, as a share of their
@@ -141,11 +101,11 @@ class PositionRows {
   static constexpr double CONTACT_ARM = 0.01;
 
   template <class ErrorOf>
-  PositionErrors sums(ErrorOf error_of, double yielding) const {
+  PositionErrors sums(ErrorOf error_of) const {
     PositionErrors sums;
     for (size_t i = 0; i < rows_.size(); ++i) {
       const Row &row = rows_[i];
-      sums.add(error_of(i), row.is_joint ? row.weight : row.weight / yielding, row.is_angular);
+      sums.add(error_of(i), row.weight, row.is_angular);
     }
     return sums;
   }
@@ -154,8 +114,6 @@ class PositionRows {
   Vector<unsigned char> states_;
   // Whether a row has a position error that is to be corrected, and one that is to be corrected in this sub-step.
   bool needs_correction_ = false, is_urgent_ = false;
-  // Whether springs resist the correction of positions.
-  bool has_springs_ = false;
 };
 
 #endif

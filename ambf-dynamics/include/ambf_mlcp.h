@@ -109,10 +109,10 @@ typedef struct AmbMlcpTable {
   /* Solves for pseudo-impulses of the position correction: `targets`, one per row, or null for the rows'
    * position_target. `states` is the guess of the active set, one per row; null: all free. Bilateral rows are unbounded
    * here, unilateral rows have impulses >= 0 or <= 0. CFM is cfm_share (such as 1e-4) of the diagonal, or the row's
-   * position_cfm if that is larger, times `damping`, and times `yielding` for unilateral rows; or the row's cfm if that
-   * is larger. That of a drive is its position_cfm, if it has one, times `springs`. */
+   * position_cfm if that is larger, times `damping`; or the row's cfm if that is larger. That of a drive is its
+   * position_cfm, if it has one. */
   int (*solve_positions)(AmbMlcp *solver, const double *targets, const uint8_t *states, double cfm_share,
-                         double damping, double yielding, double springs, double budget);
+                         double damping, double budget);
   /* Results of solve: impulses and states, one per row, and the changes of velocity of all bodies: rigid body b from
    * index 6 b on, then the articulations. All are 0 before the first solve. Pointers are valid until the next prepare
    * or destroy. */

@@ -105,23 +105,6 @@ struct SubStepStart {
   btVector3 linear_velocity, angular_velocity;
 };
 
-// Damping of the position correction of an island, kept by its first body; see the engine's correction_damping.h.
-struct CorrectionDamping {
-  // Multiple of the least damping, and of that of contacts, limits and springs beyond it.
-  double factor = 1, yielding = 1;
-  // Last sub-step in which it did not help that these yield; 0: none.
-  unsigned yielded_in_vain = 0;
-  // Number of corrections that left much of the errors, and after which these had grown, less the number of others.
-  int growths = 0;
-  // Linear and angular errors that are expected after the last correction, at least those before it, the share that it
-  // leaves of what it was to correct by the linear model, and the sub-step in which it was made; 0: none.
-  double expected[2] = {0, 0}, left[2] = {0, 0};
-  unsigned sub_step = 0;
-  // Least sum of squares of the errors, over their responses, kg m^2, that was left alone because only long motions lower
-  // it; 0: none.
-  double left_alone = 0;
-};
-
 // Bodies that joints connect, while their turns are bounded; see the engine's turn_limit.h. Kept by one of them.
 struct TurnGroup {
   // A body of the same group; null: this is the one that keeps the group.
@@ -142,7 +125,9 @@ struct BodyMemory {
   // of angular velocity in it by everything but the gyroscopic torque, rad/s. See the engine's second_order.h.
   btScalar last_sub_step = 0;
   btVector3 other_angular_change{0, 0, 0};
-  CorrectionDamping correction_damping;
+  // Least sum of squares of an island's position errors, over their responses, kg m^2, that was left alone because only long
+  // motions lower it, kept by its first body; 0: none. See the engine's correction_damping.h.
+  double error_left_alone = 0;
   // By how much the drives of an island yield to its joints, kept by its first body; see the engine's accurate_solver.h.
   double drive_yielding = 0;
   // Last sub-step in which that did not help; 0: none.

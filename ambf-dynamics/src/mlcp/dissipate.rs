@@ -16,9 +16,6 @@ const MAX_ROUNDS: u32 = 10;
 /// Most solutions for given friction, and factorisations of each.
 const MAX_HOLDS: u32 = 3;
 const MAX_HOLD_ROUNDS: u32 = 200;
-/// Work of rows other than drives, and of friction along the sliding, up to which an approximation is kept, as a share of
-/// the kinetic energy before.
-const MAX_PUSHING: f64 = 0.01;
 
 impl Solver {
     /// Looks for impulses of a lower objective than the best approximation, which is at hand, has. A few sweeps are
@@ -70,58 +67,6 @@ impl Solver {
             self.keep_current();
         }
         is_held
-    }
-
-    /// Removes friction along the sliding, and solves all other rows exactly again, where rows other than drives add energy:
-    /// an approximation may lower the objective by the work of a drive and yet have friction that pushes.
-    pub(super) fn release_friction(&mut self, limit: f64) {
-        // Without a factorisation before there is no room for one.
-        if self.statistics.factorisations == 0 || !self.friction_adds_energy() {
-            return;
-        }
-        let tolerance = std::mem::replace(&mut self.tolerance, self.accepted);
-        let mut least = self.pushing_work();
-        let mut is_better = false;
-        self.save_impulses();
-        for _ in 0..MAX_HOLDS {
-            for p in 0..self.iterate.variables.len() {
-                if self.is_pushing(&self.iterate.variables[p]) {
-                    self.iterate.variables[p].x = 0.0;
-                }
-            }
-            let is_solved = self.solve_for_friction(limit);
-            let now = self.pushing_work();
-            // Not `>=`, which is false for what is not a number.
-            if !(is_solved && now < least) {
-                break;
-            }
-            (least, is_better) = (now, true);
-            self.save_impulses();
-            if !self.friction_adds_energy() {
-                break;
-            }
-        }
-        self.restore_impulses();
-        self.iterate.bound_frictions();
-        self.tolerance = tolerance;
-        if is_better {
-            self.keep_current();
-        }
-    }
-
-    fn friction_adds_energy(&self) -> bool {
-        let (work, _) = self.iterate.work_of_biases(&self.rows, &self.layout.order);
-        work.min(self.pushing_work()) > MAX_PUSHING * self.kinetic_energy
-    }
-
-    /// Power of friction along the sliding at the end, times the sub-step, J.
-    fn pushing_work(&self) -> f64 {
-        let pushing = self.iterate.variables.iter().filter(|row| self.is_pushing(row));
-        pushing.map(|row| row.x * self.iterate.excess(&self.rows, row)).sum()
-    }
-
-    fn is_pushing(&self, row: &Variable) -> bool {
-        row.is_friction() && row.x * self.iterate.excess(&self.rows, row) > 0.0
     }
 
     /// Solves the problem within fixed bounds, from the saved impulses.

@@ -117,8 +117,6 @@ pub struct AmbMlcpTable {
         states: *const u8,
         cfm_share: f64,
         damping: f64,
-        yielding: f64,
-        springs: f64,
         budget: f64,
     ) -> c_int,
     /// See [`Solver::impulses`].
@@ -279,8 +277,6 @@ unsafe extern "C" fn solve_positions(
     states: *const u8,
     cfm_share: f64,
     damping: f64,
-    yielding: f64,
-    springs: f64,
     budget: f64,
 ) -> c_int {
     guarded(NOT_FINITE, || {
@@ -291,12 +287,7 @@ unsafe extern "C" fn solve_positions(
         let (targets, states) = unsafe { (elements(targets, rows), elements(states, rows)) };
         let target = |row: usize| targets.map(|targets| targets[row]);
         let guess = |row: usize| states.map_or(State::Free, |states| state(states[row].into()));
-        answer(solver.solve_positions_with(
-            target,
-            guess,
-            Softness { share: cfm_share, damping, yielding, springs },
-            Budget(budget),
-        ))
+        answer(solver.solve_positions_with(target, guess, Softness { share: cfm_share, damping }, Budget(budget)))
     })
 }
 

@@ -17,11 +17,9 @@ const FINE: f64 = 1e-9;
 const COARSE: f64 = 1e-6;
 /// Residual up to which the guess is accepted as the solution, as a share of the largest target other than of friction:
 /// where the problem before was solved, and where its guess was accepted. A solution also removes the velocities that
-/// accepted guesses left, so that it is not yet the guess of a state at rest. Where methods find no solution that is as
-/// accurate, it is a multiple of the residual of the one that they found.
+/// accepted guesses left, so that it is not yet the guess of a state at rest.
 const SOLVED_BEFORE: f64 = 1e-8;
 const RESTING: f64 = 1e-7;
-const INACCURATE: f64 = 1.5;
 /// Largest residual with which a guess is accepted, m/s or rad/s: what creeps no faster is at rest. The largest target is
 /// that of the strongest force, which says nothing about what friction holds beside it, and can be as large as the velocity that
 /// a stiff spring would give to a link of next to no inertia, were there no limit.
@@ -160,11 +158,8 @@ impl Default for Best {
 pub(super) struct Softness {
     /// Least CFM of a row, as a share of its diagonal.
     pub share: f64,
-    /// Multiple of the CFM of all rows but springs, another of that of unilateral rows, and one of that of springs: by how
-    /// much contacts and limits, and springs, yield to joints where they contradict each other.
+    /// Multiple of the CFM of all rows but springs.
     pub damping: f64,
-    pub yielding: f64,
-    pub springs: f64,
 }
 
 /// Solver of mixed linear complementarity problems; see the [module](super).
@@ -348,12 +343,7 @@ impl Solver {
     ) -> Outcome {
         let target = |row: usize| targets.map(|targets| targets.get(row).copied().unwrap_or(0.0));
         let guess = |row: usize| states.and_then(|states| states.get(row).copied()).unwrap_or_default();
-        self.solve_positions_with(
-            target,
-            guess,
-            Softness { share: cfm_share, damping: 1.0, yielding: 1.0, springs: 1.0 },
-            budget,
-        )
+        self.solve_positions_with(target, guess, Softness { share: cfm_share, damping: 1.0 }, budget)
     }
 
     /// The same with a target, if not the row's own, and a guess for each row.
@@ -374,10 +364,9 @@ impl Solver {
                 let state = guess(index as usize);
                 let diagonal = self.factor.diagonal()[p];
                 let cfm = if row.is_drive && row.position_cfm > 0.0 {
-                    softness.springs * row.position_cfm
+                    row.position_cfm
                 } else {
-                    let yielding = if row.low >= 0.0 || row.high <= 0.0 { softness.yielding } else { 1.0 };
-                    row.cfm.max(softness.damping * yielding * row.position_cfm.max(softness.share * diagonal))
+                    row.cfm.max(softness.damping * row.position_cfm.max(softness.share * diagonal))
                 };
                 let is_loaded = row.stays_loaded && self.velocity.impulses[index as usize] != 0.0;
                 // The velocities already end where a loaded row closes.
@@ -492,14 +481,8 @@ impl Solver {
             self.close_joints();
             self.load_best();
         }
-        if self.best.merit.residual > accepted {
-            self.release_friction(limit);
-        }
         let residual = self.best.merit.residual;
         self.statistics.residual = residual;
-        if self.statistics.guess_tolerance == 0.0 && self.normal_scale > 0.0 {
-            self.statistics.guess_tolerance = INACCURATE * residual / self.normal_scale;
-        }
         if residual <= accepted {
             Outcome::Solved
         } else {
@@ -519,9 +502,9 @@ impl Solver {
         let direct = budget - f64::from(MIN_SWEEPS) * self.sweep_cost();
         self.direct = direct;
         let is_near = self.is_guess_near();
-        let tolerance = self.guess_tolerance.clamp(SOLVED_BEFORE, COARSE) * self.normal_scale;
+        let tolerance = self.guess_tolerance.max(SOLVED_BEFORE) * self.normal_scale;
         if self.best.merit.residual <= tolerance.min(MAX_GUESS_RESIDUAL) + TINY {
-            self.statistics.guess_tolerance = self.guess_tolerance.max(RESTING);
+            self.statistics.guess_tolerance = RESTING;
             return;
         }
         if !self.assemble(direct) {

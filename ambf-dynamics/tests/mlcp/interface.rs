@@ -87,12 +87,12 @@ fn the_table_of_functions_solves_like_the_solver() {
         assert_eq!((*(table.impulses)(solver), *(table.states)(solver)), (0.1, 2));
         assert_eq!(*(table.velocities)(solver).add(5), 0.4);
         let null = std::ptr::null();
-        assert_eq!((table.solve_positions)(solver, null, std::ptr::null(), 1e-4, 1.0, 1.0, 1.0, 1e6), ffi::SOLVED);
+        assert_eq!((table.solve_positions)(solver, null, std::ptr::null(), 1e-4, 1.0, 1e6), ffi::SOLVED);
         assert!((*(table.position_impulses)(solver) - 0.125 / 1.0001).abs() < 1e-9);
-        // The row is unilateral: its CFM is multiplied by the damping and by the yielding.
-        assert_eq!((table.solve_positions)(solver, null, std::ptr::null(), 1e-4, 2.0, 50.0, 7.0, 1e6), ffi::SOLVED);
+        // Its CFM is multiplied by the damping.
+        assert_eq!((table.solve_positions)(solver, null, std::ptr::null(), 1e-4, 100.0, 1e6), ffi::SOLVED);
         assert!((*(table.position_impulses)(solver) - 0.125 / 1.01).abs() < 1e-9);
-        let doubled = (table.solve_positions)(solver, [1.0].as_ptr(), [0].as_ptr(), 1e-4, 1.0, 1.0, 1.0, 1e6);
+        let doubled = (table.solve_positions)(solver, [1.0].as_ptr(), [0].as_ptr(), 1e-4, 1.0, 1e6);
         assert_eq!((doubled, *(table.position_states)(solver)), (ffi::SOLVED, 0));
         assert!((*(table.position_velocities)(solver) - 0.5 / 1.0001).abs() < 1e-9);
         (table.statistics)(solver, &mut statistics);
