@@ -615,8 +615,7 @@ class AccurateSolver : public Base {
                    : POSITION_SOFTNESS * joint_errors_[i].position_response;
       if (row.is_drive) row.position_cfm = spring_position_softness(row.cfm, joint_errors_[i].response);
       row.stays_loaded = row.low == 0 || row.high == 0;
-      add(row, is_limit ? RowKind::Limit : RowKind::Geometric, is_angular, MIN_CORRECTION,
-          share_of(joint_errors_[i].is_limit), joint_errors_[i].arm);
+      add(row, is_limit ? RowKind::Limit : RowKind::Geometric, is_angular, MIN_CORRECTION, joint_errors_[i].arm);
     }
     // Contact softness regularises redundant contacts.
     add_contacts(this->m_tmpSolverContactConstraintPool, info);
@@ -689,7 +688,7 @@ class AccurateSolver : public Base {
     row.position_target = correction_of(coupled, info) * correction_share_;
     row.position_cfm = POSITION_SOFTNESS * coupled.response;
     row.x = coupled.coupling->is_known ? coupled.coupling->guess : 0;
-    add(row, RowKind::Geometric, is_angular, MIN_CORRECTION, correction_share_);
+    add(row, RowKind::Geometric, is_angular, MIN_CORRECTION);
   }
 
   // Pseudo-velocity that removes the position error of a coupling, m/s or rad/s.
@@ -734,7 +733,7 @@ class AccurateSolver : public Base {
       if (row.is_drive) row.position_cfm = spring_position_softness(row.cfm, softness_of(joints[i], 1));
       row.stays_loaded = is_limit;
       add(row, is_limit ? RowKind::Limit : RowKind::Geometric, owner.is_angular(joints[i].m_orgDofIndex),
-          MIN_CORRECTION, share);
+          MIN_CORRECTION);
     }
     const int first_contact = row_count_;
     add_contacts(this->m_multiBodyNormalContactConstraints, info);
@@ -792,16 +791,15 @@ class AccurateSolver : public Base {
     return AMB_MLCP_FREE;
   }
 
-  // share: of the position error that is corrected; arm: of the joint, m.
-  void add(const AmbMlcpRow &row, RowKind kind, bool is_angular, double least_correction, double share = 1,
-           double arm = 0) {
+  // arm: of the joint, m.
+  void add(const AmbMlcpRow &row, RowKind kind, bool is_angular, double least_correction, double arm = 0) {
     mlcp_table->add_row(mlcp_, &row);
     ++row_count_;
     // A contact may separate. The target of a row with a fixed impulse does not count.
     const bool is_idle =
         row.low >= row.high ? row.low == 0 : row.target <= NO_SPEED && (row.low == 0 || row.target >= -NO_SPEED);
     is_at_rest_ = is_at_rest_ && is_idle && row.low <= 0 && row.high >= 0;
-    positions_.add(row, kind, is_angular, least_correction, share, arm);
+    positions_.add(row, kind, is_angular, least_correction, arm);
     has_drives_ = has_drives_ || row.yielding_cfm > 0;
   }
 
@@ -1088,8 +1086,6 @@ class AccurateSolver : public Base {
   // Solves the position problem, unless all errors are small and this sub-step is not due.
   void correct_positions(const btContactSolverInfo &info, double budget, bool is_prepared) {
     if (!positions_.are_due(sub_step_)) return;
-    AmbBody *const island = first_body();
-    if (!island) return;
     if (!is_prepared && prepare() < 0) return;
     double damping = 1;
     btScalar length = 0;
@@ -1107,10 +1103,7 @@ class AccurateSolver : public Base {
     ++settings_.statistics.position_problems;
     const PositionErrors asked = positions_.asked(), after = positions_.after(left);
     const double moved = positions_.correction_energy(left) / damping;
-    const PositionErrors present = positions_.present();
-    const double sum = (present.linear + present.angular) * info.m_timeStep * info.m_timeStep;
-    if (is_uncorrectable(asked, after) ||
-        (is_soft(asked, after, moved) && leave_alone(island->error_left_alone, sum))) {
+    if (is_uncorrectable(asked, after) || is_soft(asked, after, moved)) {
       scale_corrections(0);
       return;
     }

@@ -44,15 +44,4 @@ inline bool is_soft(const PositionErrors &asked, const PositionErrors &left, dou
   return after > MOSTLY * before && before - after < SOFT * moved;
 }
 
-// Whether errors that only a long motion lowers are left alone. `sum`: of their squares over the responses, kg m^2; `least`:
-// the least one that was left alone, 0: none. A heavy body that hangs on a light one is also corrected by long motions
-// alone, and its load opens the joints further in each sub-step. So errors are corrected when the sum is beyond
-// LEFT_ALONE_GROWTH times the least one.
-inline bool leave_alone(double &least, double sum) {
-  constexpr double LEFT_ALONE_GROWTH = 2;
-  if (least > 0 && sum > LEFT_ALONE_GROWTH * least) return false;
-  least = least > 0 ? std::min(least, sum) : sum;
-  return true;
-}
-
 #endif

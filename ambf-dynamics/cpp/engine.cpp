@@ -70,7 +70,6 @@ bool EngineWorld::pose_set(AmbBody &body) {
   accurate.recent_turn_rate = 0;
   body.last_sub_step = 0;
   body.other_angular_change.setZero();
-  body.error_left_alone = 0;
   body.drive_yielding = 0;
   body.drives_yielded_in_vain = 0;
   body.guess_tolerance = 0;

@@ -21,9 +21,9 @@ class PositionRows {
     needs_correction_ = is_urgent_ = false;
   }
 
-  // Adds the next row. `share`: of its position error that is corrected; `arm`: lever arm of the joint, m, 0: not known;
-  // `least_correction`: the correction velocity below which the error is not corrected, m/s or rad/s.
-  void add(const AmbMlcpRow &row, Kind kind, bool is_angular, double least_correction, double share, double arm) {
+  // Adds the next row. `arm`: lever arm of the joint, m, 0: not known; `least_correction`: the correction velocity below
+  // which the error is not corrected, m/s or rad/s.
+  void add(const AmbMlcpRow &row, Kind kind, bool is_angular, double least_correction, double arm) {
     const bool is_low = row.low == 0 && row.position_target < 0, is_high = row.high == 0 && row.position_target > 0;
     const bool counts = row.in_positions && !is_low && !is_high;
     // Weight in the sum of squared errors: the inverse of the CFM in the position problem, as the solution has it.
@@ -32,7 +32,7 @@ class PositionRows {
     const double target = counts ? row.position_target : 0;
     const bool is_joint = kind == Kind::Geometric && !row.is_drive;
     const bool is_contact = kind == Kind::Contact;
-    rows_.push_back({target, target / share, weight, row.cfm, is_angular, is_joint, is_contact, is_contact ? CONTACT_ARM : arm});
+    rows_.push_back({target, weight, row.cfm, is_angular, is_joint, is_contact, is_contact ? CONTACT_ARM : arm});
     states_.push_back(is_low ? AMB_MLCP_LOW : is_high ? AMB_MLCP_HIGH : AMB_MLCP_FREE);
     if (!counts) return;
     const double asked = std::fabs(row.position_target) / least_correction;
@@ -49,10 +49,7 @@ class PositionRows {
   // Guess of the active set of the position problem.
   const unsigned char *states() const { return states_.data(); }
 
-  PositionErrors present() const {
-    return sums([&](size_t i) { return rows_[i].error; });
-  }
-  // Of the part that is corrected.
+  // Of what is to be corrected in this sub-step.
   PositionErrors asked() const {
     return sums([&](size_t i) { return rows_[i].target; });
   }
@@ -60,6 +57,7 @@ class PositionRows {
   PositionErrors after(const double *left) const {
     return sums([&](size_t i) { return left[i]; });
   }
+
   // Twice the kinetic energy of the pseudo-velocities of the position problem that was solved, J, for the least damping:
   // the sum of the impulses, which are the errors left over the CFM, times the velocities of the rows.
   double correction_energy(const double *left) const {
@@ -86,8 +84,8 @@ class PositionRows {
 
  private:
   struct Row {
-    // Correction velocity asked for in this sub-step, and that which removes the whole error, m/s or rad/s.
-    double target, error;
+    // Correction velocity asked for in this sub-step, m/s or rad/s.
+    double target;
     double weight;
     // In the velocity problem.
     double cfm;

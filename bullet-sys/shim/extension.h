@@ -125,9 +125,6 @@ struct BodyMemory {
   // of angular velocity in it by everything but the gyroscopic torque, rad/s. See the engine's second_order.h.
   btScalar last_sub_step = 0;
   btVector3 other_angular_change{0, 0, 0};
-  // Least sum of squares of an island's position errors, over their responses, kg m^2, that was left alone because only long
-  // motions lower it, kept by its first body; 0: none. See the engine's correction_damping.h.
-  double error_left_alone = 0;
   // By how much the drives of an island yield to its joints, kept by its first body; see the engine's accurate_solver.h.
   double drive_yielding = 0;
   // Last sub-step in which that did not help; 0: none.
