@@ -396,9 +396,10 @@ void AmbArticulation::take_couplings() {
     if (coupling->articulation() != this) continue;
     coupling->follow_articulation(world);
     couplings.push_back(coupling);
-    ArticulationDynamics::Coupling &terms = dynamics.couplings.emplace_back();
+    Vector<ArticulationDynamics::CoupledCoordinate> terms;
     for (const AmbCoupling::Term &term : coupling->terms)
       terms.push_back({dynamics.links[term.joint->link - 1].coordinate, term.factor});
+    dynamics.couple(terms);
   }
 }
 
@@ -406,7 +407,7 @@ void AmbArticulation::take_couplings() {
 void AmbArticulation::remember_coordinates() {
   for (size_t i = 0; i < couplings.size(); ++i) {
     for (size_t k = 0; k < couplings[i]->terms.size(); ++k)
-      couplings[i]->terms[k].last = position.q[dynamics.couplings[i][k].coordinate];
+      couplings[i]->terms[k].last = position.q[dynamics.coupling(i)[k].coordinate];
   }
 }
 
@@ -415,7 +416,7 @@ void AmbArticulation::remember_coordinates() {
 void AmbArticulation::close_couplings() {
   for (size_t i = 0; i < couplings.size(); ++i) {
     AmbCoupling &coupling = *couplings[i];
-    const ArticulationDynamics::Coupling &terms = dynamics.couplings[i];
+    const ArticulationDynamics::CoupledCoordinate *const terms = dynamics.coupling(i);
     const auto coordinate = [&](size_t k) -> btScalar & { return position.q[terms[k].coordinate]; };
     coupling.complete(coordinate, joint_rows != nullptr);
     coordinate(0) = coupling.wanted(coordinate);
@@ -438,6 +439,7 @@ void AmbArticulation::add_damper(AmbConstraint &joint, size_t link) {
 // which cannot overshoot. Those in between are rows of the position problem, too.
 void AmbArticulation::choose_springs(btScalar h) {
   if (springs.empty()) return;
+  if (!dynamics.state.has_subspaces) dynamics.update_velocities(rate);
   dynamics.factor_inertia();
   for (ArticulationDynamics::Spring &spring : dynamics.springs) {
     const btScalar response = dynamics.response(spring.coordinate) * h;
@@ -587,7 +589,7 @@ void AmbArticulation::write_proxies() {
 
 void AmbArticulation::integrate_free_motion(btScalar h) {
   if (dynamics.fixed_base) follow_base();
-  dynamics.by_euler = engine_of(world).trees_by_euler;
+  dynamics.state.by_euler = engine_of(world).trees_by_euler;
   if (engine_of(world).ledger.enabled) begin_account();
   for (size_t i = dynamics.fixed_base ? 1 : 0; i < members.size(); ++i) {
     ArticulationDynamics::Body &body = dynamics.bodies[i];
@@ -634,7 +636,7 @@ void AmbArticulation::return_to_limits(btScalar h) {
 void AmbArticulation::prepare_rows(btScalar h) {
   const btVector3 momentum = dynamics.linear_momentum();
   is_tangential =
-      dynamics.start_rotation * h <= FAST_TURN && dynamics.fastest_rotation(free_rate) * h > MAX_STARTED_TURN;
+      dynamics.state.start_rotation * h <= FAST_TURN && dynamics.fastest_rotation(free_rate) * h > MAX_STARTED_TURN;
   turned_momentum = {};
   if (is_tangential) turned_momentum = dynamics.uniform_step(h, position, free_position, free_rate);
   dynamics.update_poses(position);
@@ -650,7 +652,7 @@ void AmbArticulation::prepare_rows(btScalar h) {
   unsolved_energy = dynamics.internal_energy();
   if (is_tangential) {
     free_internal_energy = unsolved_energy;
-  } else if (unsolved_energy > MAX_CONTRAST * std::max(dynamics.start_energy, free_internal_energy)) {
+  } else if (unsolved_energy > MAX_CONTRAST * std::max(dynamics.state.start_energy, free_internal_energy)) {
     is_tangential = true;
     free_internal_energy = dynamics.tangential_step(h, position, rate, free_position, free_rate);
     dynamics.update_poses(position);
@@ -699,7 +701,7 @@ void AmbArticulation::integrate(btScalar h) {
   bool is_elsewhere = has_rows || is_corrected || !couplings.empty();
   is_corrected = false;
   for (size_t i = 0; i < couplings.size(); ++i) {
-    const ArticulationDynamics::Coupling &terms = dynamics.couplings[i];
+    const ArticulationDynamics::CoupledCoordinate *const terms = dynamics.coupling(i);
     const auto coordinate = [&](size_t k) -> btScalar & { return position.q[terms[k].coordinate]; };
     coordinate(0) = couplings[i]->wanted(coordinate);
   }
@@ -721,7 +723,7 @@ void AmbArticulation::integrate(btScalar h) {
   limit_energy(motion.energy_limit, motion.momentum);
   // Rows are linear in the motion, and turns of radians in a sub-step are not. Without rows the equations of motion resolve
   // them by parts of the sub-step, and only what no torque causes is too fast.
-  dynamics.bound_rotation(rate, has_rows ? SIMD_HALF_PI / h : dynamics.start_rotation + SIMD_HALF_PI / h);
+  dynamics.bound_rotation(rate, has_rows ? SIMD_HALF_PI / h : dynamics.state.start_rotation + SIMD_HALF_PI / h);
   if (is_accounted) end_account(h, motion.is_straight);
   if (has_feedback) write_feedback(h);
   write_proxies();

@@ -75,7 +75,7 @@ struct AmbArticulation {
   Vector<Member> members;
   // In the order of dynamics.springs.
   Vector<Spring> springs;
-  // In the order of dynamics.couplings.
+  // In the order of the couplings of `dynamics`.
   Vector<AmbCoupling *> couplings;
   std::unique_ptr<btMultiBody> multi_body;
   std::unique_ptr<JointRows> joint_rows;

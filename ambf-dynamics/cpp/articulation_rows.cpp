@@ -268,7 +268,7 @@ void JointRows::plan_drives(btScalar h) {
 }
 
 void JointRows::take_drives() {
-  const Vector<ArticulationDynamics::Drive> &drives = articulation.dynamics.drives;
+  const ArticulationDynamics::DriveList &drives = articulation.dynamics.drives;
   // Limits that were distant.
   for (size_t i = planned.size(); i < drives.size(); ++i) {
     const ArticulationDynamics::Drive &limit = drives[i];

@@ -53,9 +53,21 @@ impl<S: Scalar> Vector<S> {
         )
     }
 
+    /// Square of the length.
+    #[inline(always)]
+    pub fn square(self) -> S {
+        self.dot(self)
+    }
+
+    /// Length.
+    #[inline(always)]
+    pub fn length(self) -> S {
+        self.square().sqrt()
+    }
+
     /// Products of components.
     #[inline(always)]
-    fn times(self, other: Self) -> Self {
+    pub fn times(self, other: Self) -> Self {
         Self::new(self.x * other.x, self.y * other.y, self.z * other.z)
     }
 }
@@ -110,6 +122,104 @@ impl<S: Scalar> SubAssign for Vector<S> {
     }
 }
 
+impl From<[f64; 4]> for Vector<f64> {
+    /// The fourth number fills the vector up.
+    #[inline(always)]
+    fn from([x, y, z, pad]: [f64; 4]) -> Self {
+        Self { x, y, z, pad }
+    }
+}
+
+/// A quaternion x, y, z, w.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+pub struct Quaternion<S>(pub [S; 4]);
+
+impl<S: Scalar> Quaternion<S> {
+    /// No rotation.
+    #[inline(always)]
+    pub fn identity() -> Self {
+        let zero = S::splat(0.0);
+        Self([zero, zero, zero, S::splat(1.0)])
+    }
+
+    /// The rotation by an angle, rad, about an axis of any length but 0.
+    #[inline(always)]
+    fn about(axis: Vector<S>, angle: S) -> Self {
+        let (sine, cosine) = (angle * S::splat(0.5)).sin_cos();
+        let scale = sine / axis.length();
+        Self([axis.x * scale, axis.y * scale, axis.z * scale, cosine])
+    }
+
+    /// The derivative by time of a rotation at this angular velocity.
+    #[inline(always)]
+    pub fn spin(self, omega: Vector<S>) -> Self {
+        (Self([omega.x, omega.y, omega.z, S::splat(0.0)]) * self) * S::splat(0.5)
+    }
+
+    /// Of length 1.
+    #[inline(always)]
+    pub fn normalised(self) -> Self {
+        let [x, y, z, w] = self.0;
+        self * (S::splat(1.0) / (x * x + y * y + z * z + w * w).sqrt())
+    }
+
+    /// This one where a number is positive, else another.
+    #[inline(always)]
+    pub fn where_positive(self, number: S, other: Self) -> Self {
+        let (a, b) = (self.0, other.0);
+        Self([
+            number.if_positive(a[0], b[0]),
+            number.if_positive(a[1], b[1]),
+            number.if_positive(a[2], b[2]),
+            number.if_positive(a[3], b[3]),
+        ])
+    }
+
+    /// Turned for h s at an angular velocity, by the exponential map.
+    #[inline(always)]
+    pub fn turned(self, omega: Vector<S>, h: S) -> Self {
+        let speed = omega.length();
+        let turned = (Self::about(omega * (S::splat(1.0) / speed), speed * h) * self).normalised();
+        turned.where_positive((speed * h).abs(), self)
+    }
+}
+
+impl<S: Scalar> Mul for Quaternion<S> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        let (a, b) = (self.0, other.0);
+        Self([
+            a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
+            a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2],
+            a[3] * b[2] + a[2] * b[3] + a[0] * b[1] - a[1] * b[0],
+            a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2],
+        ])
+    }
+}
+
+impl<S: Scalar> Mul<S> for Quaternion<S> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(self, factor: S) -> Self {
+        let [x, y, z, w] = self.0;
+        Self([x * factor, y * factor, z * factor, w * factor])
+    }
+}
+
+impl<S: Scalar> Add for Quaternion<S> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        let (a, b) = (self.0, other.0);
+        Self([a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]])
+    }
+}
+
 /// A matrix, by rows.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
@@ -136,7 +246,7 @@ impl<S: Scalar> Matrix<S> {
 
     /// The rotation of a quaternion x, y, z, w of any length but 0.
     #[inline(always)]
-    pub fn of_quaternion([x, y, z, w]: [S; 4]) -> Self {
+    pub fn of_quaternion(Quaternion([x, y, z, w]): Quaternion<S>) -> Self {
         let one = S::splat(1.0);
         let scale = S::splat(2.0) / (x * x + y * y + z * z + w * w);
         let (xs, ys, zs) = (x * scale, y * scale, z * scale);
@@ -148,6 +258,15 @@ impl<S: Scalar> Matrix<S> {
             Vector::new(xy + wz, one - (xx + zz), yz - wx),
             Vector::new(xz - wy, yz + wx, one - (xx + yy)),
         ])
+    }
+}
+
+impl<S: Scalar> Matrix<S> {
+    /// Product of the transposed matrix with a vector.
+    #[inline(always)]
+    pub fn transposed_times(&self, v: Vector<S>) -> Vector<S> {
+        let [a, b, c] = self.0;
+        a * v.x + b * v.y + c * v.z
     }
 }
 

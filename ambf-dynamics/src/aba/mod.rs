@@ -5,23 +5,31 @@
 //! a joint are treated like sliders and hinges between bodies without mass at the same place, the first of which is the nearest to
 //! the base. SI units.
 //!
-//! The algorithm is generic over the [`Scalar`]: the same source moves one world, and [four](together) side by side. Who calls it is
-//! `cpp/articulation_dynamics.cpp`, through [`ffi`]; the memory is the caller's, which saves it with the state of the world.
+//! [`Motion`](motion::Motion) integrates the accelerations over a sub-step. All is generic over the [`Scalar`]: the same source moves one
+//! world, and [four](together) side by side. Who calls it is `cpp/articulation_dynamics.cpp`, through [`ffi`]; the memory is the
+//! caller's, which saves it with the state of the world.
 
 pub mod algebra;
 #[cfg(target_arch = "x86_64")]
 mod beside;
+mod bounds;
+mod coupling;
+pub mod drives;
+mod energy;
 mod factor;
 pub mod ffi;
 #[cfg(target_arch = "x86_64")]
 mod four;
+mod method;
+mod motion;
 pub mod scalar;
+mod step;
 pub mod together;
 
 #[cfg(test)]
 mod tests;
 
-use algebra::{Inertia, Matrix, Symmetric, Vector};
+use algebra::{Inertia, Matrix, Quaternion, Symmetric, Vector};
 use scalar::Scalar;
 
 /// Kinds of joints; the numbers are those of `ArticulationDynamics::JointType`.
@@ -158,7 +166,7 @@ impl<S: Scalar> Work<S> {
 /// prescribe its acceleration where `is_given` is 1. `force` is written: theirs in all.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
-pub struct Drive<S> {
+pub struct Driven<S> {
     inertia: S,
     pull: S,
     is_given: S,
@@ -166,23 +174,77 @@ pub struct Drive<S> {
     force: S,
 }
 
-/// Position: pose of the base (quaternion x, y, z, w), coordinates, and rotations of the joints that turn about three axes.
-struct Position<'a, S: Scalar> {
-    rotation: [S; 4],
-    origin: Vector<S>,
-    q: &'a [S],
-    balls: &'a [[S; 4]],
+/// Forces on the coordinates, N·m or N, and what drives do to them; none where that list is empty.
+pub struct Forces<'a, S: Scalar> {
+    efforts: &'a [S],
+    driven: &'a mut [Driven<S>],
 }
 
-/// Velocity of the base and rates of the coordinates.
-struct Rate<'a, S: Scalar> {
+/// Position: pose of the base, coordinates (rad or m), and rotations of the joints that turn about three axes, in their parents. The
+/// three coordinates of such a rotation mean nothing: rotations have no coordinates whose rates are angular velocities.
+#[derive(Debug)]
+pub struct Position<'a, S: Scalar> {
+    rotation: Quaternion<S>,
+    origin: Vector<S>,
+    q: &'a mut [S],
+    balls: &'a mut [Quaternion<S>],
+}
+
+impl<S: Scalar> Position<'_, S> {
+    #[inline(always)]
+    fn copy(&mut self, other: &Position<'_, S>) {
+        (self.rotation, self.origin) = (other.rotation, other.origin);
+        self.q.copy_from_slice(other.q);
+        self.balls.copy_from_slice(other.balls);
+    }
+}
+
+impl<S: Scalar> Default for Position<'_, S> {
+    #[inline(always)]
+    fn default() -> Self {
+        Self { rotation: Quaternion::identity(), origin: Vector::zero(), q: &mut [], balls: &mut [] }
+    }
+}
+
+/// Velocity of the base and rates of the coordinates, or accelerations. Rates of a rotation about three axes are the components of the
+/// relative angular velocity in the parent's axes.
+#[derive(Debug)]
+pub struct Rate<'a, S: Scalar> {
     angular: Vector<S>,
     linear: Vector<S>,
-    q: &'a [S],
+    q: &'a mut [S],
+}
+
+impl<S: Scalar> Rate<'_, S> {
+    #[inline(always)]
+    fn copy(&mut self, other: &Rate<'_, S>) {
+        (self.angular, self.linear) = (other.angular, other.linear);
+        self.q.copy_from_slice(other.q);
+    }
+
+    #[inline(always)]
+    fn clear(&mut self) {
+        (self.angular, self.linear) = (Vector::zero(), Vector::zero());
+        self.q.fill(S::splat(0.0));
+    }
+
+    /// The three from a coordinate on.
+    #[inline(always)]
+    fn three(&self, first: usize) -> Vector<S> {
+        Vector::new(self.q[first], self.q[first + 1], self.q[first + 2])
+    }
+}
+
+impl<S: Scalar> Default for Rate<'_, S> {
+    #[inline(always)]
+    fn default() -> Self {
+        Self { angular: Vector::zero(), linear: Vector::zero(), q: &mut [] }
+    }
 }
 
 /// A tree. Arrays have one element a body, the base first; body i + 1 is link i.
-struct Tree<'a, S: Scalar> {
+pub struct Tree<'a, S: Scalar> {
+    /// No force moves the base. It may be moved all the same, at a constant twist over a step.
     has_fixed_base: bool,
     /// Drag is no part of the equations.
     splits_damping: bool,
@@ -287,6 +349,23 @@ impl<S: Scalar> Tree<'_, S> {
         }
     }
 
+    /// Accelerations under forces. Poses and velocities are up to date, or are brought to those `at` a position: they are undefined
+    /// afterwards then.
+    #[inline(always)]
+    fn find_accelerations(
+        &mut self,
+        at: Option<&Position<'_, S>>,
+        rate: &Rate<'_, S>,
+        forces: Forces<'_, S>,
+        out: &mut Rate<'_, S>,
+    ) {
+        if let Some(at) = at {
+            self.update_poses(at);
+            self.update_velocities(rate);
+        }
+        [out.angular, out.linear] = self.accelerate(forces.efforts, forces.driven, out.q);
+    }
+
     /// Inertias of the bodies alone.
     #[inline(always)]
     fn set_inertias(&mut self) {
@@ -301,7 +380,7 @@ impl<S: Scalar> Tree<'_, S> {
     /// Accelerations of the base (angular, linear) and of the coordinates under forces and `efforts`; poses and velocities are up to
     /// date. Without drives there are none.
     #[inline(always)]
-    fn accelerate(&mut self, efforts: &[S], drives: &mut [Drive<S>], out: &mut [S]) -> [Vector<S>; 2] {
+    fn accelerate(&mut self, efforts: &[S], drives: &mut [Driven<S>], out: &mut [S]) -> [Vector<S>; 2] {
         self.set_inertias();
         for i in usize::from(self.has_fixed_base)..self.bodies.len() {
             let (body, w, angular) = (&self.bodies[i], &mut self.work[i], self.angular[i]);
@@ -335,7 +414,7 @@ impl<S: Scalar> Tree<'_, S> {
     fn sweep<const WITH_BIAS: bool>(
         &mut self,
         efforts: &[S],
-        drives: &mut [Drive<S>],
+        drives: &mut [Driven<S>],
         out: &mut [S],
     ) -> [Vector<S>; 2] {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));

@@ -1,23 +1,23 @@
-//! Several worlds side by side: accelerations of trees that differ in numbers only are computed four at a time.
+//! Several worlds side by side: trees that differ in numbers only move four at a time.
 //!
-//! Each world runs on a stack of its own, all on one thread. Where it needs accelerations it waits until the others do, or have ended;
-//! then those of trees with the same joints are computed in the registers of AVX2, and all go on. What a world does depends on its own
-//! numbers only, to the bit.
+//! Each world runs on a stack of its own, all on one thread. Where a tree is to move it waits until those of the others are, or the others
+//! have ended; then trees with the same joints move in the registers of AVX2, and all go on. What a world does depends on its own numbers
+//! only, to the bit.
 
-use super::ffi::{AmbAbaMotion, AmbAbaRates, AmbAbaTree};
-use super::Drive;
+use super::ffi::{AmbAbaPosition, AmbAbaRates, AmbAbaTree};
 
 /// Number of worlds in a register.
 pub const SIDE_BY_SIDE: usize = 4;
 
-/// Accelerations that a world needs.
+/// A step that a tree is to make.
 #[derive(Debug, Clone, Copy)]
 pub struct Request {
-    pub(super) tree: AmbAbaTree,
-    pub(super) motion: AmbAbaMotion,
-    pub(super) efforts: *const f64,
-    pub(super) drives: *mut Drive<f64>,
-    pub(super) out: AmbAbaRates,
+    pub(super) tree: *const AmbAbaTree,
+    pub(super) h: f64,
+    pub(super) from: *const AmbAbaPosition,
+    pub(super) rate: *const AmbAbaRates,
+    pub(super) to: *const AmbAbaPosition,
+    pub(super) new_rate: *const AmbAbaRates,
 }
 
 /// Whether worlds are computed side by side on this processor; else [`run`] runs one after the other.
