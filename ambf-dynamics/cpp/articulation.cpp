@@ -78,11 +78,6 @@ constexpr btScalar FAST_TURN = 0.05;
 // Rows are solved with the rates after the free motion and the inertia before it. Largest ratio of the energy of both
 // together to the energy before and after the motion; beyond it rows act on a motion along the tangent instead.
 constexpr btScalar MAX_CONTRAST = 2;
-// Free turn in a sub-step, rad, from which on rows act on a uniformly accelerated motion where joints turned by less than
-// FAST_TURN before. Rows that hold a joint against a large effort would else be solved with the inertia of a position
-// that the free motion has left, and turn the other joints.
-constexpr btScalar MAX_STARTED_TURN = 0.3;
-
 // Largest position error of a joint, m and rad, up to which its child is moved onto the joint. With larger errors the
 // joint stays a constraint.
 constexpr btScalar MAX_INITIAL_GAP = 0.02, MAX_INITIAL_ANGLE = 0.05;
@@ -635,14 +630,10 @@ void AmbArticulation::return_to_limits(btScalar h) {
 
 void AmbArticulation::prepare_rows(btScalar h) {
   const btVector3 momentum = dynamics.linear_momentum();
-  is_tangential =
-      dynamics.state.start_rotation * h <= FAST_TURN && dynamics.fastest_rotation(free_rate) * h > MAX_STARTED_TURN;
-  turned_momentum = {};
-  if (is_tangential) turned_momentum = dynamics.uniform_step(h, position, free_position, free_rate);
   dynamics.update_poses(position);
   dynamics.update_velocities(free_rate);
   row_velocity = free_rate.linear;
-  if (!dynamics.fixed_base && !is_tangential) {
+  if (!dynamics.fixed_base) {
     // The same rates give the mass centre another velocity where a light base turns fast relative to heavy links.
     ArticulationDynamics::Rate start = free_rate;
     start.linear += (momentum - dynamics.linear_momentum()) / dynamics.mass();
@@ -650,17 +641,15 @@ void AmbArticulation::prepare_rows(btScalar h) {
     dynamics.update_velocities(start);
   }
   unsolved_energy = dynamics.internal_energy();
+  is_tangential = unsolved_energy > MAX_CONTRAST * std::max(dynamics.state.start_energy, free_internal_energy);
   if (is_tangential) {
-    free_internal_energy = unsolved_energy;
-  } else if (unsolved_energy > MAX_CONTRAST * std::max(dynamics.state.start_energy, free_internal_energy)) {
-    is_tangential = true;
     free_internal_energy = dynamics.tangential_step(h, position, rate, free_position, free_rate);
     dynamics.update_poses(position);
     dynamics.update_velocities(free_rate);
     unsolved_energy = dynamics.internal_energy();
     row_velocity = free_rate.linear;
+    free_energy = dynamics.kinetic_energy();
   }
-  if (is_tangential) free_energy = dynamics.kinetic_energy();
   dynamics.factor_inertia();
   row_rate = free_rate;
   row_rate.linear = row_velocity;
@@ -761,8 +750,8 @@ AmbArticulation::RowMotion AmbArticulation::move_by_rows(btScalar h) {
   dynamics.update_poses(is_tangential ? position : free_position);
   dynamics.update_velocities(free_rate);
   motion.momentum = dynamics.momentum(dynamics.mass_centre());
-  motion.momentum.linear += by_rows.linear + turned_momentum.linear;
-  motion.momentum.angular += by_rows.angular + turned_momentum.angular;
+  motion.momentum.linear += by_rows.linear;
+  motion.momentum.angular += by_rows.angular;
   // Mass centre at the new position, which momenta imply, too.
   const bool has_centre = followed == 1 || !is_tangential;
   const btVector3 centre = followed == 1 ? old_centre + motion.momentum.linear * (h / mass)

@@ -95,8 +95,6 @@ struct AmbArticulation {
   bool is_fed = false;
   // Whether the free motion of this sub-step is along the tangent.
   bool is_tangential = false;
-  // What the rates of that motion lack of its momentum at the old position, see ArticulationDynamics::uniform_step.
-  ArticulationDynamics::Momentum turned_momentum;
   // Pseudo-velocity of the position correction: moves the articulation in this sub-step and does not change its rates.
   ArticulationDynamics::Rate correction;
   bool is_corrected = false;

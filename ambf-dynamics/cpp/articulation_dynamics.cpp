@@ -251,16 +251,6 @@ btScalar ArticulationDynamics::tangential_step(btScalar h, const Position &from,
   return aba_table->tangential_step(&all, h, &begin, &before, &end, &after);
 }
 
-ArticulationDynamics::Momentum ArticulationDynamics::uniform_step(btScalar h, const Position &from, Position &to,
-                                                                  Rate &new_rate) {
-  const AmbAbaTree all = tree();
-  const AmbAbaPosition begin = raw(from), end = raw(to);
-  const AmbAbaRates after = raw(new_rate);
-  Momentum change;
-  aba_table->uniform_step(&all, h, &begin, &end, &after, change.linear.m_floats);
-  return change;
-}
-
 bool ArticulationDynamics::way_to_limits(btScalar h, const Position &from, const Position &to, Vector<btScalar> &back) const {
   bool found = false;
   for (const Drive &drive : drives) {

@@ -185,10 +185,6 @@ class ArticulationDynamics {
   // Instead of the last step: moves over h s along the tangent. Returns the internal energy that the work of the forces leaves at
   // most, J.
   btScalar tangential_step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate);
-  // Instead of the last step: accelerates over h s as at its beginning. Returns how much of the change of momentum about the mass
-  // centre is a change of the inertia with the position: the new rates have the rest at the old position.
-  Momentum uniform_step(btScalar h, const Position &from, Position &to, Rate &new_rate);
-
   // Kinetic and internal energy of all bodies, J, from the velocities of the last `update_velocities`.
   btScalar kinetic_energy() const;
   btScalar internal_energy() const;

@@ -59,8 +59,6 @@ typedef struct AmbAbaTable {
                const AmbAbaRates *new_rate);
   double (*tangential_step)(const AmbAbaTree *tree, double h, const AmbAbaPosition *from, const AmbAbaRates *rate,
                             const AmbAbaPosition *to, const AmbAbaRates *new_rate);
-  void (*uniform_step)(const AmbAbaTree *tree, double h, const AmbAbaPosition *from, const AmbAbaPosition *to,
-                       const AmbAbaRates *new_rate, double *momentum);
   void (*project)(const AmbAbaTree *tree, const double *linear, const double *angular, const AmbAbaRates *rate);
   void (*bound_rotation)(const AmbAbaTree *tree, const AmbAbaRates *rate, double most);
   void (*advance_position)(const AmbAbaTree *tree, const AmbAbaPosition *at, double h, const AmbAbaRates *rate);

@@ -2,7 +2,7 @@
 
 use std::mem::take;
 
-use super::motion::Motion;
+use super::motion::{Equations, Motion};
 use super::{Position, Rate, Tree};
 
 /// Impulses or forces on one coordinate after the other disturb those before.
@@ -25,14 +25,12 @@ impl Motion<'_, '_, f64> {
             self.equations.factor_inertia();
             for link in self.equations.tree.links {
                 let speed = Tree::joint_speed(link, rate);
-                // Also where it is not a number.
-                if !(speed > most) {
-                    continue;
-                }
-                for k in link.sliding as usize..link.freedoms() {
-                    let coordinate = link.coordinate() + k;
-                    let component = rate.q[coordinate].abs() * (most / speed);
-                    self.stop_at(coordinate, component, rate);
+                if speed > most {
+                    for k in link.sliding as usize..link.freedoms() {
+                        let coordinate = link.coordinate() + k;
+                        let component = rate.q[coordinate].abs() * (most / speed);
+                        self.stop_at(coordinate, component, rate);
+                    }
                 }
             }
             self.equations.tree.update_velocities(rate);
@@ -47,21 +45,20 @@ impl Motion<'_, '_, f64> {
     /// Brings the rate of a coordinate to ± `most` by an impulse between the two bodies of its joint.
     fn stop_at(&mut self, coordinate: usize, most: f64, rate: &mut Rate<'_, f64>) {
         let by_unit = self.equations.response(coordinate);
-        if !(by_unit > 0.0) {
-            return;
+        if by_unit > 0.0 {
+            let q = rate.q[coordinate];
+            let impulse = (if q > 0.0 { most } else { -most } - q) / by_unit;
+            let row = take(&mut self.equations.coupled.impulse);
+            row.iter_mut().for_each(|part| *part *= impulse);
+            let change = &mut self.part_rate;
+            self.equations.rates_of(row, change);
+            rate.angular += change.angular;
+            rate.linear += change.linear;
+            for (q, change) in rate.q.iter_mut().zip(&*change.q) {
+                *q += change;
+            }
+            self.equations.coupled.impulse = row;
         }
-        let q = rate.q[coordinate];
-        let impulse = (if q > 0.0 { most } else { -most } - q) / by_unit;
-        let row = take(&mut self.equations.coupled.impulse);
-        row.iter_mut().for_each(|part| *part *= impulse);
-        let change = &mut self.part_rate;
-        self.equations.rates_of(row, change);
-        rate.angular += change.angular;
-        rate.linear += change.linear;
-        for (q, change) in rate.q.iter_mut().zip(&*change.q) {
-            *q += change;
-        }
-        self.equations.coupled.impulse = row;
     }
 
     /// Adds generalised forces that keep the accelerations at the beginning, `slopes[0]`, of joints that turn from changing an angular
@@ -71,7 +68,9 @@ impl Motion<'_, '_, f64> {
     pub(super) fn bound_acceleration(&mut self, h: f64, from: &Position<'_, f64>) {
         let most = std::f64::consts::FRAC_PI_2 / (h * h);
         let (equations, rest, slope) = (&mut self.equations, &mut self.stage_rate, &mut self.slopes[0]);
-        if !(equations.fastest_undriven(0, slope) > most) {
+        let is_fast =
+            |equations: &Equations<'_, '_, f64>, slope: &Rate<'_, f64>| equations.fastest_undriven(0, slope) > most;
+        if !is_fast(equations, slope) {
             return;
         }
         // Fast motion accelerates joints, too, which smaller steps resolve: only what forces do at rest counts here.
@@ -79,7 +78,7 @@ impl Motion<'_, '_, f64> {
         equations.tree.update_velocities(rest);
         equations.accelerate(from, rest, slope, true);
         for _ in 0..MAX_ROUNDS {
-            if !(equations.fastest_undriven(0, slope) > most) {
+            if !is_fast(equations, slope) {
                 break;
             }
             for link in equations.tree.links {
@@ -88,14 +87,13 @@ impl Motion<'_, '_, f64> {
                 }
                 for k in link.sliding as usize..link.freedoms() {
                     let (coordinate, change) = (link.coordinate() + k, Tree::joint_speed(link, slope));
-                    if !(change > most) {
-                        break;
-                    }
-                    equations.factor_inertia();
-                    let by_unit = equations.response(coordinate);
-                    if by_unit > 0.0 {
-                        equations.forces[coordinate] -= slope.q[coordinate] * (1.0 - most / change) / by_unit;
-                        equations.accelerate(from, rest, slope, true);
+                    if change > most {
+                        equations.factor_inertia();
+                        let by_unit = equations.response(coordinate);
+                        if by_unit > 0.0 {
+                            equations.forces[coordinate] -= slope.q[coordinate] * (1.0 - most / change) / by_unit;
+                            equations.accelerate(from, rest, slope, true);
+                        }
                     }
                 }
             }

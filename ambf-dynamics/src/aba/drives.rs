@@ -287,7 +287,8 @@ impl World<'_> {
                 let given = self.given_by[k] as usize;
                 if given != i {
                     let holder = drives[given];
-                    let helps = !of_limits && !(holder.is_limit && holder.side == 0.0);
+                    let is_locked = holder.is_limit && holder.side == 0.0;
+                    let helps = !of_limits && !is_locked;
                     bounds = [
                         if helps && holder.side >= 0.0 { drive.low } else { 0.0 },
                         if helps && holder.side <= 0.0 { drive.high } else { 0.0 },

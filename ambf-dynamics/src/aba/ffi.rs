@@ -176,15 +176,6 @@ pub struct AmbAbaTable {
         to: *const AmbAbaPosition,
         new_rate: *const AmbAbaRates,
     ) -> f64,
-    /// `Motion::uniform_step`; writes the linear and the angular momentum.
-    pub uniform_step: unsafe extern "C" fn(
-        tree: *const AmbAbaTree,
-        h: f64,
-        from: *const AmbAbaPosition,
-        to: *const AmbAbaPosition,
-        new_rate: *const AmbAbaRates,
-        momentum: *mut Vector<f64>,
-    ),
     /// `Motion::project`.
     pub project: unsafe extern "C" fn(
         tree: *const AmbAbaTree,
@@ -264,7 +255,6 @@ pub fn table() -> &'static AmbAbaTable {
         accelerate,
         step,
         tangential_step,
-        uniform_step,
         project,
         bound_rotation,
         advance_position,
@@ -622,25 +612,6 @@ unsafe extern "C" fn tangential_step(
         });
         (*to).write(&end);
         energy
-    }
-}
-
-unsafe extern "C" fn uniform_step(
-    tree: *const AmbAbaTree,
-    h: f64,
-    from: *const AmbAbaPosition,
-    to: *const AmbAbaPosition,
-    new_rate: *const AmbAbaRates,
-    momentum: *mut Vector<f64>,
-) {
-    // SAFETY: by the contract of the table.
-    unsafe {
-        let (from, mut end) = ((*from).position(&*tree), (*to).position(&*tree));
-        let change = with_rate(tree, new_rate, |new_rate| {
-            (*tree).with_motion(|motion| motion.uniform_step(h, &from, &mut end, new_rate))
-        });
-        (*to).write(&end);
-        write_momentum(&change, momentum);
     }
 }
 

@@ -99,9 +99,9 @@ impl<S: Scalar> Motion<'_, '_, S> {
             to.q[k] = from.q[k] + (v[0].q[k] + v[1].q[k] * two + v[2].q[k] * two + v[3].q[k]) * sixth;
             new_rate.q[k] = rate.q[k] + (a[0].q[k] + a[1].q[k] * two + a[2].q[k] * two + a[3].q[k]) * sixth;
         }
-        for k in 0..to.balls.len() {
+        for (k, ball) in to.balls.iter_mut().enumerate() {
             let spin = b[0][k] + b[1][k] * two + b[2][k] * two + b[3][k];
-            to.balls[k] = (from.balls[k] + spin * sixth).normalised();
+            *ball = (from.balls[k] + spin * sixth).normalised();
         }
     }
 }

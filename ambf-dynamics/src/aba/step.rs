@@ -9,7 +9,7 @@ use std::mem::take;
 use super::algebra::Vector;
 use super::drives::{Drive, World};
 use super::energy::{Momentum, Works};
-use super::motion::{advance, advance_position, of, Motion};
+use super::motion::{advance_position, of, Motion};
 use super::scalar::Scalar;
 use super::{Position, Rate, Tree};
 
@@ -368,7 +368,7 @@ impl Motion<'_, '_, f64> {
         self.equations.drive_step = 0.0;
         self.equations.forces.swap_with_slice(self.unbounded);
         // In this order: velocities of which only little is left may be so large that the momentum is lost to rounding.
-        if !(scale >= 1.0) {
+        if scale < 1.0 || scale.is_nan() {
             self.equations.tree.scale_internal_velocity(scale, new_rate);
             self.equations.tree.update_velocities(new_rate);
         }
@@ -383,9 +383,7 @@ impl Motion<'_, '_, f64> {
     fn restore_momentum(&mut self, h: f64, begun: &Begun<f64>, rate: &mut Rate<'_, f64>) {
         let Slip { mut wanted, present, has_slipped, has_turned } = self.slip(h, begun);
         if has_turned > 0.0 {
-            if !(has_slipped > 0.0) {
-                wanted.linear = present.linear;
-            }
+            wanted.linear = if has_slipped > 0.0 { wanted.linear } else { present.linear };
             self.equations.tree.set_momentum(&wanted, self.equations.tree.mass_centre(), rate);
         } else if has_slipped > 0.0 {
             rate.linear += (wanted.linear - present.linear) * (1.0 / self.equations.tree.mass());
@@ -425,39 +423,6 @@ impl Motion<'_, '_, f64> {
         advance_position(&self.equations.tree, to, h, new_rate);
         self.equations.place(to, new_rate);
         (self.start.energy + self.works_of_forces(h, from, to).internal).or_larger(0.0)
-    }
-
-    /// Instead of the last step: accelerates over h s as at its beginning, at rates of which the mean is that of the motion. Returns how
-    /// much of the change of momentum about the mass centre is a change of the inertia with the position: the new rates have the rest at
-    /// the old position.
-    pub fn uniform_step(
-        &mut self,
-        h: f64,
-        from: &Position<'_, f64>,
-        to: &mut Position<'_, f64>,
-        new_rate: &mut Rate<'_, f64>,
-    ) -> Momentum<f64> {
-        self.equations.place(from, &self.start_rate);
-        self.equations.accelerate(from, &self.start_rate, &mut self.slopes[0], true);
-        self.unbounded.copy_from_slice(self.equations.forces);
-        self.bound_acceleration(h, from);
-        self.equations.forces.swap_with_slice(self.unbounded);
-        let centre = self.equations.tree.mass_centre();
-        let (mut change, by_forces) = (self.equations.tree.momentum(centre), self.equations.tree.wrench(centre));
-        change.linear += by_forces.linear * h;
-        change.angular += by_forces.angular * h;
-        advance(new_rate, &self.start_rate, h, &self.slopes[0]);
-        self.equations.tree.update_velocities(new_rate);
-        let present = self.equations.tree.momentum(centre);
-        change.linear -= present.linear;
-        change.angular -= present.angular;
-        to.copy(from);
-        advance_position(&self.equations.tree, to, h / 2.0, &self.start_rate);
-        advance_position(&self.equations.tree, to, h / 2.0, new_rate);
-        if self.equations.tree.splits_damping {
-            self.apply_damping(h / 2.0, from, new_rate);
-        }
-        change
     }
 
     /// Projects velocities of the bodies onto the joints: finds the rates with the least kinetic energy of the difference. Poses are up to
