@@ -147,6 +147,9 @@ class Batch(Arrays):
 
         Raises ValueError if a number is negative or above 2**32 - 1; InvalidCommand, and no world has moved; ClosedError, BusyError.
         """
+        if type(steps) is int and 0 <= steps <= _MOST_STEPS:
+            self._inside.step(steps)
+            return
         numbers = np.asarray(steps)
         if numbers.dtype.kind not in "iu" or numbers.shape not in ((), (self.n,)):
             raise ValueError(f"steps={steps}: expected an integer, or {self.n}")

@@ -11,11 +11,14 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.vector.utils import iterate
+from numpy.typing import NDArray
 
 from .backend import Pixels
-from .env import Course, Observation, Order, SimulatorEnv, Task
+from .env import Course, Info, Observation, Order, SimulatorEnv, Task, numbers_of_python
 from .in_process import InProcessBackend
+from .many import Columns, checked
 from .scene import Scene
+from .together import Stepped, Together
 
 Ready = List[Any]
 
@@ -57,6 +60,7 @@ class InProcessVectorEnv(SyncVectorEnv):
         self._lanes = [_Lane(SimulatorEnv(backend, task, render_mode, **view)) for backend in self._backends]
         # Pictures are drawn side by side; what is only numbers is not worth a thread.
         self._draws = bool(pixels)
+        self._together: Optional[Together] = None
         self._pool: Optional[concurrent.futures.ThreadPoolExecutor] = None
         super().__init__([lambda lane=lane: lane for lane in self._lanes], autoreset_mode=autoreset_mode)  # type: ignore[misc]
 
@@ -82,6 +86,11 @@ class InProcessVectorEnv(SyncVectorEnv):
 
     def step(self, actions: Any) -> Tuple[Any, Any, Any, Any, Dict[str, Any]]:
         """See `SyncVectorEnv.step`. Raises InvalidAction; then no world has moved."""
+        together = self._compiled()
+        return self._step_each(actions) if together is None else self._step_together(actions, together)
+
+    def _step_each(self, actions: Any) -> Tuple[Any, Any, Any, Any, Dict[str, Any]]:
+        """Each world does what it does alone, but for the simulations, which are stepped at once."""
         for lane, action in zip(self._lanes, iterate(self.action_space, actions)):
             lane.unwrapped.checked(action)
         is_same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
@@ -95,6 +104,79 @@ class InProcessVectorEnv(SyncVectorEnv):
                 courses[i] = _single(lane.unwrapped.stepping(action))
         self._run(courses)
         return super().step(actions)
+
+    def _compiled(self) -> Optional[Together]:
+        """The worlds as arrays; None if they are not open, or the task is none for arrays."""
+        simulations = [backend.opened for backend in self._backends]
+        # They are others after a failure.
+        if self._together is None or self._together.simulations != simulations:
+            self._together = None
+            if None not in simulations and not self._draws:
+                self._together = Together.of([lane.unwrapped for lane in self._lanes], self._backends)
+        return self._together
+
+    def _step_together(self, actions: Any, together: Together) -> Tuple[Any, Any, Any, Any, Dict[str, Any]]:
+        """What `_step_each` does, with arrays of all worlds that make a step."""
+        count, mode = self.num_envs, self.autoreset_mode
+        wanted = checked(actions, count, self.single_action_space.shape[0])  # type: ignore[index]
+        # As in the base class: who resets by hand has to.
+        assert mode != AutoresetMode.DISABLED or not self._autoreset_envs.any(), f"{self._autoreset_envs=}"
+        is_reset = self._autoreset_envs if mode == AutoresetMode.NEXT_STEP else np.zeros(count, dtype=np.bool_)
+        rows = np.flatnonzero(~is_reset)
+        observations = np.zeros(self._observations.shape, dtype=np.float32)
+        rewards, (terminated, truncated) = np.zeros(count), np.zeros((2, count), dtype=np.bool_)
+        columns: Columns = {}
+        if rows.size:
+            together.begin(wanted[rows], rows.tolist())
+        stepped = self._run(self._resets(is_reset), together if rows.size else None)
+        if stepped is not None:
+            (observations[rows], rewards[rows], terminated[rows], truncated[rows], columns) = stepped
+        over = terminated | truncated
+        # What is told of worlds one by one, in its order.
+        told: Dict[int, List[Info]] = {i: [] for i in np.flatnonzero(is_reset).tolist()}
+        if mode == AutoresetMode.SAME_STEP and over.any():
+            for i in np.flatnonzero(over).tolist():
+                last = numbers_of_python({key: column[i] for key, column in columns.items()})
+                told[i] = [{"final_obs": observations[i].copy(), "final_info": last}]
+            self._run(self._resets(over))
+        for i, infos in told.items():
+            observations[i], begun = self._lanes[i].ready.pop(0)
+            infos.append(begun)
+        self._env_obs = list(observations)
+        self._observations[...], self._rewards = observations, rewards
+        self._terminations, self._truncations, self._autoreset_envs = terminated, truncated, over
+        outcome = (observations.copy(), rewards.copy(), terminated.copy(), truncated.copy())
+        return (*outcome, self._tell(columns, rows, told))
+
+    def _resets(self, mask: Any) -> Dict[int, Course[Ready]]:
+        return {i: _single(lane.unwrapped.resetting()) for i, lane in self._chosen(mask)}
+
+    def _tell(self, columns: Columns, rows: NDArray[np.intp], told: Dict[int, List[Info]]) -> Dict[str, Any]:
+        """Infos as `_add_info` puts them together, world after world: those in `told`, and columns of the others among `rows`."""
+        infos: Dict[str, Any] = {}
+
+        def add(worlds: Sequence[int]) -> None:
+            nonlocal infos
+            for i in worlds:
+                for info in told[i]:
+                    infos = self._add_info(infos, info, i)
+
+        # The first world decides which key comes first.
+        add([i for i in told if i == 0])
+        others = np.array([i not in told for i in rows.tolist()], dtype=np.bool_)
+        if others.any():
+            for key, column in columns.items():
+                if key not in infos:
+                    is_number = column.dtype.kind in "biufc"
+                    infos[key] = (
+                        np.zeros((self.num_envs, *column.shape[1:]), column.dtype)
+                        if is_number
+                        else np.full(self.num_envs, None, dtype=object)
+                    )
+                    infos[f"_{key}"] = np.zeros(self.num_envs, dtype=np.bool_)
+                infos[key][rows[others]], infos[f"_{key}"][rows[others]] = column[others], True
+        add([i for i in told if i != 0])
+        return infos
 
     def render(self) -> Tuple[Any, ...]:
         """One picture a world, drawn side by side."""
@@ -116,19 +198,28 @@ class InProcessVectorEnv(SyncVectorEnv):
     def _chosen(self, mask: Any) -> Sequence[Tuple[int, _Lane]]:
         return [(i, lane) for i, lane in enumerate(self._lanes) if mask[i]]
 
-    def _run(self, courses: Dict[int, Course[Ready]]) -> None:
-        """Carries out all courses, their orders side by side; results wait in the lanes."""
+    def _run(self, courses: Dict[int, Course[Ready]], together: Optional[Together] = None) -> Optional[Stepped]:
+        """Carries out all courses, their orders side by side, and a step of other worlds beside the first of them, which has begun;
+        results of courses wait in the lanes.
+        """
         for lane in self._lanes:
             lane.ready.clear()
         orders: Dict[int, Order] = {}
+        stepped: Optional[Stepped] = None
         try:
             for i, course in courses.items():
                 self._advance(orders, i, course, None)
-            while orders:
+            while orders or (together and not stepped):
                 for i, order in orders.items():
                     self._backends[i].prepare(order.commands, order.reset, order.state)
                 simulations = [self._backends[i].simulation for i in orders]
-                ambf.step_all(simulations, [order.steps for order in orders.values()])
+                steps = [order.steps for order in orders.values()]
+                if together and not stepped:
+                    simulations += [together.simulations[i] for i in together.rows]
+                    steps += [together.steps] * len(together.rows)
+                ambf.step_all(simulations, steps)
+                if together and not stepped:
+                    stepped = together.end()
                 done = list(orders.items())
                 # Where a course observes, it draws.
                 run = self._threads().map if self._draws else map
@@ -138,6 +229,7 @@ class InProcessVectorEnv(SyncVectorEnv):
             for lane in self._lanes:
                 lane.close()
             raise
+        return stepped
 
     def _observe(self, orders: Dict[int, Order], courses: Dict[int, Course[Ready]], i: int, order: Order) -> None:
         self._advance(orders, i, courses[i], self._backends[i].observe(order.steps))
