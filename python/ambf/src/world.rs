@@ -435,7 +435,7 @@ impl State {
 #[pymethods]
 impl World {
     #[new]
-    #[pyo3(signature = (models, launch_file, world, indexes, profile, solver, integrator, iterations, articulated, sleep, saving, step, plugins, crtk, seed))]
+    #[pyo3(signature = (models, launch_file, world, indexes, profile, solver, integrator, iterations, articulated, sleep, saving, joint_wrenches, step, plugins, crtk, seed))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
@@ -450,6 +450,7 @@ impl World {
         articulated: Option<bool>,
         sleep: Option<bool>,
         saving: bool,
+        joint_wrenches: bool,
         step: f64,
         plugins: Vec<PathBuf>,
         crtk: Vec<PathBuf>,
@@ -467,7 +468,7 @@ impl World {
             articulated,
             sleep,
             saving,
-            wrenches: true,
+            wrenches: joint_wrenches,
             step,
             plugins,
             crtk,

@@ -614,6 +614,12 @@ class States(unittest.TestCase):
             self.assertEqual(sim.joint_wrenches.shape, (len(sim.joints), 6))
             np.testing.assert_allclose(sim.joint_wrenches[first][:3], (0, 0, moving * 9.81), atol=0.02)
             np.testing.assert_array_equal(base.joint_wrenches, sim.joint_wrenches[base.joint_indices])
+            with arm(joint_wrenches=False) as other:
+                base = other.body("arm7/base")
+                base.joint_kinds, base.joint_commands = ambf.POSITION, 0
+                other.step(4000)
+                self.assertFalse(other.joint_wrenches.any())
+                np.testing.assert_array_equal(other.poses, sim.poses)
 
     def test_a_moved_palm_carries_what_its_fingers_hold(self):
         """By velocity, then by poses that come every ten steps; the twist is there."""

@@ -77,6 +77,7 @@ class World:
         articulated: Optional[bool],
         sleep: Optional[bool],
         saving: bool,
+        joint_wrenches: bool,
         step: float,
         plugins: Sequence[str],
         crtk: Sequence[str],
@@ -255,6 +256,8 @@ class Batch:
     @property
     def joints(self) -> List[str]: ...
     def body_joints(self, body: int) -> List[int]: ...
+    @property
+    def sensors(self) -> List[Tuple[str, str, int, int]]: ...
     @property
     def joint_types(self) -> List[str]: ...
     def array(self, name: str) -> NDArray[Any]: ...

@@ -111,9 +111,9 @@ class Flattener:
         self._single = slice(layout.joint(0, 0).item(), layout.ray(layout.rays))
 
     def worlds(self, worlds: Sequence[Sequence[NDArray[Any]]]) -> Array:
-        """(worlds x numbers) of the arrays of each world, which are flat and in the order of the layout, but for its zero."""
+        """(worlds x numbers) of the arrays of each world, which are flat and in the order of the layout."""
         flat = np.empty((len(worlds), self._size))
-        np.concatenate([array for arrays in worlds for array in (*arrays, _ZERO)], out=flat.reshape(-1))
+        np.concatenate([array for arrays in worlds for array in arrays], out=flat.reshape(-1))
         return self._narrowed(flat)
 
     def batch(self, arrays: Sequence[NDArray[Any]]) -> Array:
@@ -128,9 +128,6 @@ class Flattener:
         single = flat[:, self._single]
         single[...] = narrow(single)
         return flat
-
-
-_ZERO = np.zeros(1)
 
 
 class Gather:

@@ -34,9 +34,11 @@ class InProcessBackend:
     It does what `RosBackend` does, number for number: over ROS joints are in single precision, so they are here too.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        """Loads `scene` when it is opened; of its options those about time and physics count, and others are an InvalidDescription."""
-        self._scene = scene
+    def __init__(self, scene: Scene, *, integrator: Optional[str] = None) -> None:
+        """Loads `scene` when it is opened; of its options those about time and physics count, and others are an InvalidDescription.
+        `integrator`: one of `scene.INTEGRATORS` instead of the scene's.
+        """
+        self._scene = scene = scene.integrated_by(integrator)
         self._options = physics_options(scene.options)
         self._simulation: Optional[ambf.Simulation] = None
         self._bodies: Dict[str, _Body] = {}
@@ -77,7 +79,10 @@ class InProcessBackend:
         """Loads the scene. Raises ambf.LoadError or InvalidDescription."""
         self.close()
         launch = self._scene.launch() or str(resources() / "launch.yaml")
-        simulation = ambf.Simulation(self._scene.model_files(), launch_file=launch, **self._options)
+        # No part observes the wrenches of joints.
+        simulation = ambf.Simulation(
+            self._scene.model_files(), launch_file=launch, joint_wrenches=False, **self._options
+        )
         self._simulation = simulation
         try:
             self._bodies = Named("observed body", {name: _Body(simulation.body(name)) for name in bodies})
@@ -99,7 +104,7 @@ class InProcessBackend:
             tuple(self._sensors),
             tuple(self._actuators),
         )
-        self._flatten = Flattener(self.layout)
+        self._flatten, self._arrays = Flattener(self.layout), self.arrays()
         if self._is_shown:
             try:
                 simulation.view()
@@ -162,7 +167,7 @@ class InProcessBackend:
         sensors, actuators = self._sensors.values(), self._actuators.values()
         held = ([_sensor_state(sensor) for sensor in sensors], [actuator.holding for actuator in actuators])
         return SeenStates(
-            self._sim_step, simulation.sim_time, self._flatten.worlds((self.arrays(),))[0], self.seen, held
+            self._sim_step, simulation.sim_time, self._flatten.worlds((self._arrays,))[0], self.seen, held
         )
 
     def count(self, steps: int) -> int:
@@ -175,10 +180,11 @@ class InProcessBackend:
         return self._sim_step
 
     def arrays(self) -> Sequence[NDArray[Any]]:
-        """The simulation's own arrays, flat, in the order of `gather.Layout` but for its zero."""
+        """The simulation's own arrays, flat, in the order of `gather.Layout`; those that hold something."""
         s = self.simulation
         joints = (s.joint_positions, s.joint_velocities, s.joint_efforts)
-        return (s.poses.ravel(), s.twists.ravel(), *joints, s.measurements, s.holding)
+        arrays = (s.poses.ravel(), s.twists.ravel(), *joints, s.measurements, s.holding, np.zeros(1))
+        return [array for array in arrays if array.size]
 
     def gather(self, parts: Sequence[Any]) -> Optional[Gather]:
         """What the parts observe as places in `States.flat`; None if there are parts of other kinds."""

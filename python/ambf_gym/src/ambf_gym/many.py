@@ -61,8 +61,14 @@ def checked(actions: Any, num_envs: int, size: int) -> Array:
 
 def judge(task: Task, step: Transition, num_envs: int) -> Tuple[Array, Mask, Columns]:
     """Rewards, whether episodes have ended, and what is told about them, by the array functions of a task."""
-    columns = {key: np.asarray(column) for key, column in task.info(step).items()}
+    columns = {key: _column(values) for key, values in task.info(step).items()}
     terminated, rewards = np.empty(num_envs, dtype=np.bool_), np.empty(num_envs)
     terminated[...] = task.terminated(step)
     rewards[...] = task.reward(step)
     return rewards, terminated, columns
+
+
+def _column(values: Any) -> NDArray[Any]:
+    """Numbers and truth values as they are, others as objects."""
+    column: NDArray[Any] = np.asarray(values)
+    return column if column.dtype.kind in "biufc" else column.astype(object)

@@ -67,7 +67,7 @@ class Together:
         counts = np.array([self._backends[i].count(self.steps) for i in rows])
         times = np.array([self.simulations[i].sim_time for i in rows])
         flat = self._flatten.worlds([self._arrays[i] for i in rows])
-        after = SeenStates(counts, times, flat, self._seen)  # type: ignore[arg-type]
+        after = SeenStates(counts, times, flat, self._seen)
         goals = np.empty((count, self._task.goal_size))
         made, first = np.empty(count, dtype=int), np.empty(count, dtype=int)
         for k, env in enumerate(envs):
@@ -85,15 +85,14 @@ class Together:
         seen = [self._envs[i].latest for i in self.rows]
         if isinstance(seen[0], Row):
             before = seen[0].all
-            if len(before) == len(seen) and all(
-                isinstance(one, Row) and one.all is before and one.world == k for k, one in enumerate(seen)
-            ):
+            places = [one.world for one in seen if isinstance(one, Row) and one.all is before]
+            if len(before) == len(seen) and places == list(range(len(seen))):
                 return before
         states = [self._envs[i].states for i in self.rows]
         if any(one is None for one in states):
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         steps, times, flats = zip(*((one.sim_step, one.sim_time, one.flat) for one in states if one is not None))
-        return SeenStates(np.array(steps), np.array(times), np.stack(flats), self._seen)  # type: ignore[arg-type]
+        return SeenStates(np.array(steps), np.array(times), np.stack(flats), self._seen)
 
 
 class _Drive:

@@ -11,7 +11,6 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.vector.utils import iterate
-from numpy.typing import NDArray
 
 from .backend import Pixels
 from .env import Course, Info, Observation, Order, SimulatorEnv, Task, numbers_of_python
@@ -43,14 +42,16 @@ class InProcessVectorEnv(SyncVectorEnv):
         height: Optional[int] = None,
         pixels: Union[Pixels, Sequence[Pixels]] = (),
         max_episode_steps: Optional[int] = None,
+        integrator: Optional[str] = None,
     ) -> None:
         """`render_mode`, "rgb_array" or None, and what follows: as those of `SimulatorEnv`; pictures are drawn on threads too.
+        `integrator`: one of `scene.INTEGRATORS` instead of the scene's.
 
         Raises InvalidDescription as `SimulatorEnv` does; simulations are loaded at the first reset.
         """
         if num_envs < 1:
             raise ValueError(f"num_envs={num_envs}: expected 1 or more")
-        self._backends = [InProcessBackend(scene) for _ in range(num_envs)]
+        self._backends = [InProcessBackend(scene, integrator=integrator) for _ in range(num_envs)]
         if render_mode == "human":
             raise ValueError(
                 "render_mode='human' shows one world: make a single environment with it, or use 'rgb_array'"
@@ -122,18 +123,22 @@ class InProcessVectorEnv(SyncVectorEnv):
         # As in the base class: who resets by hand has to.
         assert mode != AutoresetMode.DISABLED or not self._autoreset_envs.any(), f"{self._autoreset_envs=}"
         is_reset = self._autoreset_envs if mode == AutoresetMode.NEXT_STEP else np.zeros(count, dtype=np.bool_)
-        rows = np.flatnonzero(~is_reset)
-        observations = np.zeros(self._observations.shape, dtype=np.float32)
-        rewards, (terminated, truncated) = np.zeros(count), np.zeros((2, count), dtype=np.bool_)
-        columns: Columns = {}
-        if rows.size:
-            together.begin(wanted[rows], rows.tolist())
-        stepped = self._run(self._resets(is_reset), together if rows.size else None)
-        if stepped is not None:
-            (observations[rows], rewards[rows], terminated[rows], truncated[rows], columns) = stepped
+        resets = self._resets(is_reset)
+        rows = [i for i in range(count) if i not in resets]
+        if rows:
+            together.begin(wanted[rows] if resets else wanted, rows)
+        stepped = self._run(resets, together if rows else None)
+        if stepped is not None and not resets:
+            observations, rewards, terminated, truncated, columns = stepped
+        else:
+            observations = np.zeros(self._observations.shape, dtype=np.float32)
+            rewards, (terminated, truncated) = np.zeros(count), np.zeros((2, count), dtype=np.bool_)
+            columns = {}
+            if stepped is not None:
+                (observations[rows], rewards[rows], terminated[rows], truncated[rows], columns) = stepped
         over = terminated | truncated
         # What is told of worlds one by one, in its order.
-        told: Dict[int, List[Info]] = {i: [] for i in np.flatnonzero(is_reset).tolist()}
+        told: Dict[int, List[Info]] = {i: [] for i in resets}
         if mode == AutoresetMode.SAME_STEP and over.any():
             for i in np.flatnonzero(over).tolist():
                 last = numbers_of_python({key: column[i] for key, column in columns.items()})
@@ -149,33 +154,28 @@ class InProcessVectorEnv(SyncVectorEnv):
         return (*outcome, self._tell(columns, rows, told))
 
     def _resets(self, mask: Any) -> Dict[int, Course[Ready]]:
-        return {i: _single(lane.unwrapped.resetting()) for i, lane in self._chosen(mask)}
+        return {i: _single(self._lanes[i].unwrapped.resetting()) for i in np.flatnonzero(mask).tolist()}
 
-    def _tell(self, columns: Columns, rows: NDArray[np.intp], told: Dict[int, List[Info]]) -> Dict[str, Any]:
+    def _tell(self, columns: Columns, rows: List[int], told: Dict[int, List[Info]]) -> Dict[str, Any]:
         """Infos as `_add_info` puts them together, world after world: those in `told`, and columns of the others among `rows`."""
+        if not told:
+            masks = {f"_{key}": np.ones(self.num_envs, dtype=np.bool_) for key in columns}
+            return {key: value for pair in zip(columns.items(), masks.items()) for key, value in pair}
         infos: Dict[str, Any] = {}
-
-        def add(worlds: Sequence[int]) -> None:
-            nonlocal infos
-            for i in worlds:
-                for info in told[i]:
-                    infos = self._add_info(infos, info, i)
-
         # The first world decides which key comes first.
-        add([i for i in told if i == 0])
-        others = np.array([i not in told for i in rows.tolist()], dtype=np.bool_)
-        if others.any():
-            for key, column in columns.items():
-                if key not in infos:
-                    is_number = column.dtype.kind in "biufc"
-                    infos[key] = (
-                        np.zeros((self.num_envs, *column.shape[1:]), column.dtype)
-                        if is_number
-                        else np.full(self.num_envs, None, dtype=object)
-                    )
-                    infos[f"_{key}"] = np.zeros(self.num_envs, dtype=np.bool_)
-                infos[key][rows[others]], infos[f"_{key}"][rows[others]] = column[others], True
-        add([i for i in told if i != 0])
+        for info in told.get(0, ()):
+            infos = self._add_info(infos, info, 0)
+        others = [k for k, i in enumerate(rows) if i not in told]
+        places = [rows[k] for k in others]
+        for key, column in columns.items() if others else ():
+            if key not in infos:
+                empty = None if column.dtype == object else 0
+                infos[key] = np.full((self.num_envs, *column.shape[1:]), empty, dtype=column.dtype)
+                infos[f"_{key}"] = np.zeros(self.num_envs, dtype=np.bool_)
+            infos[key][places], infos[f"_{key}"][places] = column[others], True
+        for i, of_world in told.items():
+            for info in of_world if i else ():
+                infos = self._add_info(infos, info, i)
         return infos
 
     def render(self) -> Tuple[Any, ...]:

@@ -30,11 +30,23 @@ _AS_IT_IS: ContextManager[None] = contextlib.nullcontext()
 class Worlds:
     """`num_envs` worlds of a task, without autoreset: each returns what `SimulatorEnv` returns, to the bit.
 
-    Tasks observe and drive bodies and joints; those with sensors, actuators, pixels or parts of their own need `InProcessVectorEnv`.
+    Tasks observe bodies, joints and rays of sensors, and drive bodies and joints; those with actuators, pixels or parts of their own need
+    `InProcessVectorEnv`. `states.sensors` is empty: what rays see stands in `batch.measurements` and `batch.sensed`.
     """
 
-    def __init__(self, scene: Scene, task: Task, num_envs: int, *, max_episode_steps: Optional[int] = None) -> None:
-        """Loads the worlds. Raises InvalidDescription, ambf.LoadError, ValueError."""
+    def __init__(
+        self,
+        scene: Scene,
+        task: Task,
+        num_envs: int,
+        *,
+        max_episode_steps: Optional[int] = None,
+        integrator: Optional[str] = None,
+    ) -> None:
+        """Loads the worlds; `integrator`: one of `scene.INTEGRATORS` instead of the scene's.
+
+        Raises InvalidDescription, ambf.LoadError, ValueError.
+        """
         if num_envs < 1:
             raise ValueError(f"num_envs={num_envs}: expected 1 or more")
         if task.n_skip_steps < 1 or task.settle_steps < 1 or (max_episode_steps or task.max_steps) < 1:
@@ -42,6 +54,7 @@ class Worlds:
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps or task.max_steps
         self._task = task = copy.deepcopy(task)
+        scene = scene.integrated_by(integrator)
         limits = scene.joint_limits()
         self._low, self._high, self._slices = stack([part.bounds(limits) for part in task.act])
         low, high, _ = stack([part.bounds(limits) for part in task.observe])
@@ -55,7 +68,7 @@ class Worlds:
         options = physics_options(scene.options)
         self.batch = ambf.Batch(scene.model_files(), num_envs, launch_file=launch, **options)
         """The worlds: parameters may be changed through it."""
-        self.layout = Layout(len(self.batch.bodies), len(self.batch.joints))
+        self.layout = Layout(len(self.batch.bodies), len(self.batch.joints), self.batch.measurements.shape[1])
         self._columns: Dict[str, Dict[str, int]] = {}
         try:
             self._prepare()
@@ -66,11 +79,9 @@ class Worlds:
     def _prepare(self) -> None:
         """Finds where everything stands."""
         task, batch = self._task, self.batch
-        bodies, sensors, actuators = names_of(task)
-        if sensors or actuators:
-            raise InvalidDescription(
-                f"{', '.join((*sensors, *actuators))}: a batch has neither sensors nor actuators; use InProcessVectorEnv"
-            )
+        bodies, _, actuators = names_of(task)
+        if actuators:
+            raise InvalidDescription(f"{', '.join(actuators)}: a batch drives no actuators; use InProcessVectorEnv")
         try:
             self._rows = {name: batch.body(name) for name in bodies}
             self._gather = Gather(task.observe, self)
@@ -208,7 +219,10 @@ class Worlds:
 
     def rays(self, sensor: str) -> Tuple[int, int]:
         """See `gather.Finder`."""
-        raise LookupError(f"{sensor}: a batch has no sensors")
+        columns, kinds = self.batch.columns(sensor), self.batch.sensor_types
+        # Contact sensors have no rays.
+        is_contact = kinds[find(sensor, self.batch.sensors, "sensors")] == "contact"
+        return (0, 0) if is_contact else (columns.start, columns.stop)
 
     def actuator(self, name: str) -> int:
         """See `gather.Finder`."""
@@ -221,7 +235,8 @@ class Worlds:
     def _flat(self) -> Array:
         """(worlds x numbers) all states; see `gather.Layout`."""
         b = self.batch
-        return self._flatten.batch((b.poses, b.twists, b.joint_positions, b.joint_velocities, b.joint_efforts))
+        joints = (b.joint_positions, b.joint_velocities, b.joint_efforts)
+        return self._flatten.batch((b.poses, b.twists, *joints, b.measurements))
 
     def _observe(self, flat: Array) -> NDArray[np.float32]:
         seen = (self._gather.observe(flat), self._goals)
