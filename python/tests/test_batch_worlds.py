@@ -108,10 +108,10 @@ class TestWorlds(unittest.TestCase):
             self.assertGreater(ends, N)
 
     def test_rays_are_observed(self):
-        """Of a sensor with one ray, which is asked for two; that of a scene without bodies that are driven."""
+        """Of a sensor with one ray, which is asked for two: the second is 0."""
         task = Task(
             (Measurements("proximity", 2), Position("block")),
-            (DriveBody("palm", "velocity", low=-0.2, high=0.2),),
+            (DriveBody("palm", "velocity", low=-1, high=1),),
             lambda step: 0.0,
         )
         worlds = Worlds(lift.SCENE, task, 2)
@@ -120,7 +120,7 @@ class TestWorlds(unittest.TestCase):
         found = [worlds.reset(seeds=[1, 2])]
         expected = [[env.reset(seed=seed)[0] for seed, env in zip((1, 2), singles)]]
         for step in range(15):
-            actions = np.array([[0, 0, -1.0], [0.3, 0, 0.1 * step]])
+            actions = np.array([[0, 0, -0.2], [0.3, 0, -0.01 * step]])
             found.append(worlds.step(actions)[0])
             expected.append([env.step(action)[0] for env, action in zip(singles, actions)])
         for env in singles:

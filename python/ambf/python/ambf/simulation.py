@@ -978,6 +978,24 @@ def step_all(simulations: Sequence[Simulation], steps: Union[int, Sequence[int]]
             raise problem
 
 
+class StackedStates(NamedTuple):
+    """States of several simulations of the same scene, as copies."""
+
+    sim_steps: NDArray[np.int64]
+    """(simulations) iteration whose states they are."""
+    sim_times: Array
+    """(simulations) simulated time, s."""
+    numbers: Array
+    """(simulations x numbers) of each, one after the other: `poses`, `twists`, `joint_positions`, `joint_velocities`, `joint_efforts`,
+    `measurements`, `holding` (1 or 0) and a zero, for what is not there.
+    """
+
+
+def stack_states(simulations: Sequence[Simulation]) -> StackedStates:
+    """States of all simulations in one array. Raises ValueError if they have other numbers of bodies, joints, rays or actuators."""
+    return StackedStates(*_ambf.stack_states([simulation._world for simulation in simulations]))
+
+
 def _close_view(world: weakref.ref[_ambf.World]) -> None:
     """Windows are drawn by a thread that must not outlive the interpreter."""
     alive = world()

@@ -6,7 +6,21 @@ import copy
 import os
 import time
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, Generator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union
+from typing import (
+    Any,
+    Callable,
+    Dict,
+    Generator,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Protocol,
+    Sequence,
+    Tuple,
+    TypeVar,
+    Union,
+)
 
 import gymnasium
 import numpy as np
@@ -34,10 +48,18 @@ class Order(NamedTuple):
     """What the reset is followed by: arguments of `ambf.Simulation.set_state`."""
 
 
-class Row(NamedTuple):
-    """States of a world among those of several, which are looked up when they are asked for."""
+class Table(Protocol):
+    """What several environments that are stepped as arrays have reached: arrays of worlds."""
 
-    all: SeenStates
+    states: SeenStates
+    steps: NDArray[np.intp]
+    """(worlds) steps of the episodes."""
+
+
+class Row(NamedTuple):
+    """What a world has reached, as a row of a table: it is looked up when it is asked for."""
+
+    table: Table
     world: int
 
 
@@ -303,10 +325,9 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
             return None
         return Compiled(self._task, self._bounds, self._gather, self._slices)
 
-    def moved(self, latest: Row) -> Tuple[int, int, Array]:
-        """A step was made, after which this is seen: how many it were in the episode, the iteration after the reset, and the goal."""
-        self.latest = latest
-        self._steps += 1
+    @property
+    def episode(self) -> Tuple[int, int, Array]:
+        """Steps of the episode, the iteration after its reset, and its goal."""
         return self._steps, self._first_step, self._goal
 
     @property
@@ -365,7 +386,8 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
     def states(self) -> Optional[States]:
         """What was observed last, in full."""
         if isinstance(self.latest, Row):
-            self.latest = self.latest.all[self.latest.world]
+            table, world = self.latest
+            self.latest, self._steps = table.states[world], int(table.steps[world])
         return self.latest
 
     def _open(self) -> None:

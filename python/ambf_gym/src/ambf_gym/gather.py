@@ -97,37 +97,14 @@ class Finder(Protocol):
         """Row of an actuator."""
 
 
-def narrow(values: Array) -> Array:
-    """In single precision; what is too large becomes the largest number, not infinite."""
-    return np.minimum(np.maximum(values, -_LARGEST), _LARGEST).astype(np.float32).astype(np.float64)
-
-
-class Flattener:
-    """Copies the arrays of worlds into flat ones."""
-
-    def __init__(self, layout: Layout) -> None:
-        self._size = layout.zero + 1
-        # Joints and rays.
-        self._single = slice(layout.joint(0, 0).item(), layout.ray(layout.rays))
-
-    def worlds(self, worlds: Sequence[Sequence[NDArray[Any]]]) -> Array:
-        """(worlds x numbers) of the arrays of each world, which are flat and in the order of the layout."""
-        flat = np.empty((len(worlds), self._size))
-        np.concatenate([array for arrays in worlds for array in arrays], out=flat.reshape(-1))
-        return self._narrowed(flat)
-
-    def batch(self, arrays: Sequence[NDArray[Any]]) -> Array:
-        """The same of arrays that begin with the worlds."""
-        n = len(arrays[0])
-        flat = np.empty((n, self._size))
-        np.concatenate([*(array.reshape(n, -1) for array in arrays), np.zeros((n, 1))], axis=1, out=flat)
-        return self._narrowed(flat)
-
-    def _narrowed(self, flat: Array) -> Array:
-        """With what is in single precision over ROS in single precision."""
-        single = flat[:, self._single]
-        single[...] = narrow(single)
-        return flat
+def narrow(flat: Array, layout: Layout) -> None:
+    """Brings what is in single precision over ROS to it, in place: joints and rays of (worlds x numbers). What is too large becomes the
+    largest number, not infinite.
+    """
+    single = flat[:, 13 * layout.bodies : layout.ray(layout.rays)]
+    np.maximum(single, -_LARGEST, out=single)
+    np.minimum(single, _LARGEST, out=single)
+    single[...] = single.astype(np.float32)
 
 
 class Gather:

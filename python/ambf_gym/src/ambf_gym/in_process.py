@@ -7,7 +7,6 @@ from typing import Any, Callable, Dict, List, Mapping, NoReturn, Optional, Seque
 
 import ambf
 import numpy as np
-from numpy.typing import NDArray
 
 from .backend import (
     FORCE,
@@ -23,7 +22,7 @@ from .backend import (
     plain,
 )
 from .errors import InvalidDescription, SimulatorFailed, StepMismatch
-from .gather import Flattener, Gather, Layout, Seen, SeenStates, columns_by_name, narrow
+from .gather import Gather, Layout, Seen, SeenStates, columns_by_name, narrow
 from .parts import DriveBody, DriveJoints, Hold
 from .scene import Scene, resources
 
@@ -104,7 +103,6 @@ class InProcessBackend:
             tuple(self._sensors),
             tuple(self._actuators),
         )
-        self._flatten, self._arrays = Flattener(self.layout), self.arrays()
         if self._is_shown:
             try:
                 simulation.view()
@@ -162,29 +160,16 @@ class InProcessBackend:
 
     def observe(self, steps: int) -> States:
         """What `step` does after `steps` iterations."""
-        simulation = self.simulation
-        self.count(steps)
+        (step,), (time,), flat = stacked([self], steps)
         sensors, actuators = self._sensors.values(), self._actuators.values()
         held = ([_sensor_state(sensor) for sensor in sensors], [actuator.holding for actuator in actuators])
-        return SeenStates(
-            self._sim_step, simulation.sim_time, self._flatten.worlds((self._arrays,))[0], self.seen, held
-        )
+        return SeenStates(int(step), float(time), flat[0], self.seen, held)
 
-    def count(self, steps: int) -> int:
-        """The iteration that was reached by `steps` more. Raises StepMismatch if it is another one."""
-        expected, self._sim_step = (self._sim_step + steps) % 2**32, self.simulation.sim_step
-        if self._sim_step != expected:
-            raise StepMismatch(
-                f"step {self._sim_step} was reached instead of {expected}: somebody else steps the simulation"
-            )
-        return self._sim_step
-
-    def arrays(self) -> Sequence[NDArray[Any]]:
-        """The simulation's own arrays, flat, in the order of `gather.Layout`; those that hold something."""
-        s = self.simulation
-        joints = (s.joint_positions, s.joint_velocities, s.joint_efforts)
-        arrays = (s.poses.ravel(), s.twists.ravel(), *joints, s.measurements, s.holding, np.zeros(1))
-        return [array for array in arrays if array.size]
+    def count(self, steps: int, reached: int) -> None:
+        """Raises StepMismatch if another iteration was reached than that after `steps` more."""
+        expected, self._sim_step = (self._sim_step + steps) % 2**32, reached
+        if reached != expected:
+            raise StepMismatch(f"step {reached} was reached instead of {expected}: somebody else steps the simulation")
 
     def gather(self, parts: Sequence[Any]) -> Optional[Gather]:
         """What the parts observe as places in `States.flat`; None if there are parts of other kinds."""
@@ -280,6 +265,15 @@ class InProcessBackend:
             simulation.close()
 
 
+def stacked(backends: Sequence[InProcessBackend], steps: int) -> ambf.StackedStates:
+    """Iterations, times and flat arrays of what is seen after `steps` iterations of each. Raises StepMismatch."""
+    found = ambf.stack_states([backend.simulation for backend in backends])
+    for backend, reached in zip(backends, found.sim_steps.tolist()):
+        backend.count(steps, reached)
+    narrow(found.numbers, backends[0].layout)
+    return found
+
+
 class _Body:
     """A body with the names of its joints."""
 
@@ -319,7 +313,8 @@ def span(places: Sequence[int]) -> Any:
 
 def _sensor_state(sensor: ambf.Sensor) -> SensorState:
     measured, seen = sensor.readings()
-    return SensorState(measurement=narrow(measured), sensed=seen)
+    most = float(np.finfo(np.float32).max)
+    return SensorState(measurement=measured.clip(-most, most).astype(np.float32).astype(np.float64), sensed=seen)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from .backend import Array
 from .env import Compiled, Row, SimulatorEnv, Transition
-from .gather import Flattener, SeenStates
-from .in_process import InProcessBackend
+from .gather import SeenStates
+from .in_process import InProcessBackend, stacked
 from .many import Columns, Mask, judge
 from .parts import DriveJoints, move
 
@@ -35,14 +35,22 @@ class Together:
         """The simulations; after a failure there are others."""
         self._envs, self._backends = envs, backends
         self._task, self._bounds, self._gather, self._pieces = parts
-        self.steps = self._task.n_skip_steps
+        self.n_skip_steps = self._task.n_skip_steps
         """Iterations of a step."""
-        self._flatten, self._seen = Flattener(backends[0].layout), backends[0].seen
-        self._arrays = [backend.arrays() for backend in backends]
         acts = zip(*(env.compiled.task.act for env in envs if env.compiled))
-        self._drives = [_Drive(parts_of_all, backends) for parts_of_all in acts]
+        self._drives = [_Drive(of_all, backends) for of_all in acts]
         self.rows: List[int] = []
         """Numbers of the worlds that make a step."""
+        count = len(envs)
+        self._rows: List[Any] = [Row(self, i) for i in range(count)]
+        self.steps = np.zeros(count, dtype=np.intp)
+        """(worlds) steps of the episodes."""
+        self._first = np.zeros(count, dtype=np.int64)
+        self._goals = np.zeros((count, self._task.goal_size))
+        self._seen = backends[0].seen
+        nothing = np.zeros((count, self._seen.layout.zero + 1))
+        self.states = SeenStates(np.zeros(count, dtype=np.int64), np.zeros(count), nothing, self._seen)
+        """(worlds) of all, after the last step; those of worlds that did not make it are in their environments."""
 
     @classmethod
     def of(cls, envs: Sequence[SimulatorEnv], backends: Sequence[InProcessBackend]) -> Optional[Together]:
@@ -52,47 +60,60 @@ class Together:
             return None
         return cls(envs, backends, parts)
 
-    def begin(self, wanted: Array, rows: Sequence[int]) -> None:
+    def begin(self, wanted: Array, rows: List[int]) -> None:
         """Commands the actions (rows x size) in the worlds `rows`. Raises ResetNeeded, and nothing has changed."""
-        self.rows = list(rows)
-        self._before = self._states()
+        self._take_in(rows)
+        self.rows, self._before = rows, self._of(self.states, rows)
         self._applied, self._clipped = self._bounds.apply(wanted)
         for drive, piece in zip(self._drives, self._pieces):
-            drive.write(self._applied[:, piece], self.rows)
+            drive.write(self._applied[:, piece], rows)
 
     def end(self) -> Stepped:
         """What is seen after the iterations. Raises StepMismatch."""
-        rows, count = self.rows, len(self.rows)
-        envs = [self._envs[i] for i in rows]
-        counts = np.array([self._backends[i].count(self.steps) for i in rows])
-        times = np.array([self.simulations[i].sim_time for i in rows])
-        flat = self._flatten.worlds([self._arrays[i] for i in rows])
-        after = SeenStates(counts, times, flat, self._seen)
-        goals = np.empty((count, self._task.goal_size))
-        made, first = np.empty(count, dtype=int), np.empty(count, dtype=int)
-        for k, env in enumerate(envs):
-            made[k], first[k], goals[k] = env.moved(Row(after, k))
-        step: Any = Transition(self._before, after, self._applied, goals, made)  # type: ignore[arg-type]
-        rewards, terminated, columns = judge(self._task, step, count)
-        truncated = ~terminated & (made >= envs[0].max_episode_steps)
-        columns = {"iterations": (counts - first) % 2**32, "clipped": self._clipped, **columns}
-        seen = (self._gather.observe(flat), goals)
+        rows = self.rows
+        backends = [self._backends[i] for i in rows]
+        found = stacked(backends, self.n_skip_steps)
+        after = SeenStates(found.sim_steps, found.sim_times, found.numbers, self._seen)
+        self.steps[rows] += 1
+        if len(rows) == len(self._envs):
+            self.states, steps, first, goals = after, self.steps.copy(), self._first, self._goals.copy()
+        else:
+            self._replace(rows, after)
+            steps, first, goals = self.steps[rows], self._first[rows], self._goals[rows]
+        for i in rows:
+            self._envs[i].latest = self._rows[i]
+        step: Any = Transition(self._before, after, self._applied, goals, steps)
+        rewards, terminated, told = judge(self._task, step, len(rows))
+        truncated = ~terminated & (steps >= self._envs[0].max_episode_steps)
+        columns = {"iterations": (after.sim_step - first) % 2**32, "clipped": self._clipped, **told}
+        assert after.flat is not None
+        seen = (self._gather.observe(after.flat), goals)
         observations = np.concatenate(seen, axis=1, dtype=np.float32, casting="same_kind")
         return Stepped(observations, rewards, terminated, truncated, columns)
 
-    def _states(self) -> SeenStates:
-        """States of the worlds that are to make a step."""
-        seen = [self._envs[i].latest for i in self.rows]
-        if isinstance(seen[0], Row):
-            before = seen[0].all
-            places = [one.world for one in seen if isinstance(one, Row) and one.all is before]
-            if len(before) == len(seen) and places == list(range(len(seen))):
-                return before
-        states = [self._envs[i].states for i in self.rows]
-        if any(one is None for one in states):
+    def _take_in(self, rows: Sequence[int]) -> None:
+        """Takes over what those of the worlds `rows` have reached that were not stepped here last. Raises ResetNeeded."""
+        own = [i for i in rows if self._envs[i].latest is not self._rows[i]]
+        states = [self._envs[i].states for i in own]
+        if not own:
+            return
+        if not all(isinstance(one, SeenStates) for one in states):
             raise gymnasium.error.ResetNeeded("call reset() before step()")
-        steps, times, flats = zip(*((one.sim_step, one.sim_time, one.flat) for one in states if one is not None))
-        return SeenStates(np.array(steps), np.array(times), np.stack(flats), self._seen)
+        for i in own:
+            self.steps[i], self._first[i], self._goals[i] = self._envs[i].episode
+        steps, times, flat = zip(*((one.sim_step, one.sim_time, one.flat) for one in states if one is not None))
+        self._replace(own, SeenStates(np.array(steps), np.array(times), np.stack(flat), self._seen))
+
+    def _replace(self, rows: Sequence[int], states: SeenStates) -> None:
+        """Other states of the worlds `rows`; the arrays of before stay what they are."""
+        names = ("sim_step", "sim_time", "flat")
+        arrays = {name: getattr(self.states, name).copy() for name in names}
+        for name, array in arrays.items():
+            array[rows] = getattr(states, name)
+        self.states = SeenStates(**arrays, scene=self._seen)
+
+    def _of(self, states: SeenStates, rows: Sequence[int]) -> SeenStates:
+        return states if len(rows) == len(self._envs) else states[rows]
 
 
 class _Drive:

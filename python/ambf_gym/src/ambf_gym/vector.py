@@ -75,6 +75,8 @@ class InProcessVectorEnv(SyncVectorEnv):
         count = self.num_envs
         seeds = [seed + i for i in range(count)] if isinstance(seed, int) else seed or [None] * count
         mask = np.ones(count, dtype=np.bool_)
+        if self._together is not None:
+            self._env_obs = list(self._observations.copy())
         rest = dict(options or {})
         if "reset_mask" in rest:
             mask = rest.pop("reset_mask")
@@ -147,11 +149,9 @@ class InProcessVectorEnv(SyncVectorEnv):
         for i, infos in told.items():
             observations[i], begun = self._lanes[i].ready.pop(0)
             infos.append(begun)
-        self._env_obs = list(observations)
-        self._observations[...], self._rewards = observations, rewards
-        self._terminations, self._truncations, self._autoreset_envs = terminated, truncated, over
-        outcome = (observations.copy(), rewards.copy(), terminated.copy(), truncated.copy())
-        return (*outcome, self._tell(columns, rows, told))
+        # What the base class needs when it resets some.
+        self._observations[...], self._autoreset_envs = observations, over
+        return observations, rewards, terminated, truncated, self._tell(columns, rows, told)
 
     def _resets(self, mask: Any) -> Dict[int, Course[Ready]]:
         return {i: _single(self._lanes[i].unwrapped.resetting()) for i in np.flatnonzero(mask).tolist()}
@@ -216,7 +216,7 @@ class InProcessVectorEnv(SyncVectorEnv):
                 steps = [order.steps for order in orders.values()]
                 if together and not stepped:
                     simulations += [together.simulations[i] for i in together.rows]
-                    steps += [together.steps] * len(together.rows)
+                    steps += [together.n_skip_steps] * len(together.rows)
                 ambf.step_all(simulations, steps)
                 if together and not stepped:
                     stepped = together.end()

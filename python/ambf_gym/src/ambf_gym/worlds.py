@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .backend import FORCE, Array, Commands
 from .env import Bounds, Task, Transition, action_space, names_of, stack
 from .errors import InvalidDescription
-from .gather import Flattener, Gather, Layout, Seen, SeenStates, columns_by_name
+from .gather import Gather, Layout, Seen, SeenStates, columns_by_name, narrow
 from .in_process import physics_options, span
 from .many import Infos, Mask, checked, judge
 from .parts import DriveBody, DriveJoints, move
@@ -90,7 +90,6 @@ class Worlds:
         self._seen = Seen(
             self.layout, [(name, row, list(self.joints(name).items())) for name, row in self._rows.items()]
         )
-        self._flatten = Flattener(self.layout)
         self._drives: List[_Drive] = []
         for part in task.act:
             makers: Dict[Any, Callable[[Any, Worlds], _Drive]] = {DriveJoints: _Joints, DriveBody: _Body}
@@ -234,9 +233,12 @@ class Worlds:
 
     def _flat(self) -> Array:
         """(worlds x numbers) all states; see `gather.Layout`."""
-        b = self.batch
+        b, n = self.batch, self.num_envs
+        bodies = (b.poses.reshape(n, -1), b.twists.reshape(n, -1))
         joints = (b.joint_positions, b.joint_velocities, b.joint_efforts)
-        return self._flatten.batch((b.poses, b.twists, *joints, b.measurements))
+        flat: Array = np.concatenate((*bodies, *joints, b.measurements, np.zeros((n, 1))), axis=1)
+        narrow(flat, self.layout)
+        return flat
 
     def _observe(self, flat: Array) -> NDArray[np.float32]:
         seen = (self._gather.observe(flat), self._goals)
