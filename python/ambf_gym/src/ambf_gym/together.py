@@ -39,8 +39,10 @@ class Together:
         """Iterations of a step."""
         acts = zip(*(env.compiled.task.act for env in envs if env.compiled))
         self._drives = [_Drive(of_all, backends) for of_all in acts]
-        self.rows: List[int] = []
-        """Numbers of the worlds that make a step."""
+        self.stepping = self.simulations
+        """Those that make a step."""
+        self._stepping = list(range(len(envs)))
+        self._place: Any = slice(None)
         count = len(envs)
         self._rows: List[Any] = [Row(self, i) for i in range(count)]
         self.steps = np.zeros(count, dtype=np.intp)
@@ -63,25 +65,26 @@ class Together:
     def begin(self, wanted: Array, rows: List[int]) -> None:
         """Commands the actions (rows x size) in the worlds `rows`. Raises ResetNeeded, and nothing has changed."""
         self._take_in(rows)
-        self.rows, self._before = rows, self._of(self.states, rows)
+        is_all = len(rows) == len(self._envs)
+        self._stepping, self._place = rows, slice(None) if is_all else np.array(rows, dtype=np.intp)
+        self.stepping = self.simulations if is_all else [self.simulations[i] for i in rows]
+        self._before = self.states if is_all else self.states[self._place]
         self._applied, self._clipped = self._bounds.apply(wanted)
         for drive, piece in zip(self._drives, self._pieces):
-            drive.write(self._applied[:, piece], rows)
+            drive.write(self._applied[:, piece], rows, self._place)
 
     def end(self) -> Stepped:
         """What is seen after the iterations. Raises StepMismatch."""
-        rows = self.rows
-        backends = [self._backends[i] for i in rows]
-        found = stacked(backends, self.n_skip_steps)
+        rows, place = self._stepping, self._place
+        found = stacked([self._backends[i] for i in rows], self.n_skip_steps)
         after = SeenStates(found.sim_steps, found.sim_times, found.numbers, self._seen)
-        self.steps[rows] += 1
+        self.steps[place] += 1
         if len(rows) == len(self._envs):
-            self.states, steps, first, goals = after, self.steps.copy(), self._first, self._goals.copy()
+            self.states = after
         else:
-            self._replace(rows, after)
-            steps, first, goals = self.steps[rows], self._first[rows], self._goals[rows]
-        for i in rows:
-            self._envs[i].latest = self._rows[i]
+            self._replace(place, after)
+        steps, goals = self.steps[place].copy(), self._goals[place].copy()
+        first = self._first[place]
         step: Any = Transition(self._before, after, self._applied, goals, steps)
         rewards, terminated, told = judge(self._task, step, len(rows))
         truncated = ~terminated & (steps >= self._envs[0].max_episode_steps)
@@ -101,19 +104,17 @@ class Together:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         for i in own:
             self.steps[i], self._first[i], self._goals[i] = self._envs[i].episode
+            self._envs[i].latest = self._rows[i]
         steps, times, flat = zip(*((one.sim_step, one.sim_time, one.flat) for one in states if one is not None))
         self._replace(own, SeenStates(np.array(steps), np.array(times), np.stack(flat), self._seen))
 
-    def _replace(self, rows: Sequence[int], states: SeenStates) -> None:
+    def _replace(self, rows: Any, states: SeenStates) -> None:
         """Other states of the worlds `rows`; the arrays of before stay what they are."""
         names = ("sim_step", "sim_time", "flat")
         arrays = {name: getattr(self.states, name).copy() for name in names}
         for name, array in arrays.items():
             array[rows] = getattr(states, name)
         self.states = SeenStates(**arrays, scene=self._seen)
-
-    def _of(self, states: SeenStates, rows: Sequence[int]) -> SeenStates:
-        return states if len(rows) == len(self._envs) else states[rows]
 
 
 class _Drive:
@@ -131,12 +132,12 @@ class _Drive:
             for part, row in zip(parts, self._set_points):
                 part.keep_in(row)
 
-    def write(self, values: Array, rows: Sequence[int]) -> None:
-        """Commands values (rows x size) in the worlds `rows`."""
+    def write(self, values: Array, rows: Sequence[int], place: Any) -> None:
+        """Commands values (rows x size) in the worlds `rows`, which are those at `place`."""
         if self._set_points is not None:
-            points = self._set_points[rows]
-            self._set_points[rows] = values = move(points, values, *self._part.span)
+            self._set_points[place] = values = move(self._set_points[place], values, *self._part.span)
         if isinstance(self._part, DriveJoints):
             values = values.astype(np.float32)
+        places = self._places
         for i, row in zip(rows, values):
-            self._arrays[i][self._places] = row
+            self._arrays[i][places] = row

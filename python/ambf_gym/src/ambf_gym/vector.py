@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.vector.utils import iterate
+from numpy.typing import NDArray
 
 from .backend import Pixels
 from .env import Course, Info, Observation, Order, SimulatorEnv, Task, numbers_of_python
@@ -124,8 +125,7 @@ class InProcessVectorEnv(SyncVectorEnv):
         wanted = checked(actions, count, self.single_action_space.shape[0])  # type: ignore[index]
         # As in the base class: who resets by hand has to.
         assert mode != AutoresetMode.DISABLED or not self._autoreset_envs.any(), f"{self._autoreset_envs=}"
-        is_reset = self._autoreset_envs if mode == AutoresetMode.NEXT_STEP else np.zeros(count, dtype=np.bool_)
-        resets = self._resets(is_reset)
+        resets = self._resets(self._autoreset_envs) if mode == AutoresetMode.NEXT_STEP else {}
         rows = [i for i in range(count) if i not in resets]
         if rows:
             together.begin(wanted[rows] if resets else wanted, rows)
@@ -142,7 +142,7 @@ class InProcessVectorEnv(SyncVectorEnv):
         # What is told of worlds one by one, in its order.
         told: Dict[int, List[Info]] = {i: [] for i in resets}
         if mode == AutoresetMode.SAME_STEP and over.any():
-            for i in np.flatnonzero(over).tolist():
+            for i in over.nonzero()[0].tolist():
                 last = numbers_of_python({key: column[i] for key, column in columns.items()})
                 told[i] = [{"final_obs": observations[i].copy(), "final_info": last}]
             self._run(self._resets(over))
@@ -153,8 +153,8 @@ class InProcessVectorEnv(SyncVectorEnv):
         self._observations[...], self._autoreset_envs = observations, over
         return observations, rewards, terminated, truncated, self._tell(columns, rows, told)
 
-    def _resets(self, mask: Any) -> Dict[int, Course[Ready]]:
-        return {i: _single(self._lanes[i].unwrapped.resetting()) for i in np.flatnonzero(mask).tolist()}
+    def _resets(self, mask: NDArray[np.bool_]) -> Dict[int, Course[Ready]]:
+        return {i: _single(self._lanes[i].unwrapped.resetting()) for i in mask.nonzero()[0].tolist()}
 
     def _tell(self, columns: Columns, rows: List[int], told: Dict[int, List[Info]]) -> Dict[str, Any]:
         """Infos as `_add_info` puts them together, world after world: those in `told`, and columns of the others among `rows`."""
@@ -215,16 +215,17 @@ class InProcessVectorEnv(SyncVectorEnv):
                 simulations = [self._backends[i].simulation for i in orders]
                 steps = [order.steps for order in orders.values()]
                 if together and not stepped:
-                    simulations += [together.simulations[i] for i in together.rows]
-                    steps += [together.n_skip_steps] * len(together.rows)
+                    simulations += together.stepping
+                    steps += [together.n_skip_steps] * len(together.stepping)
                 ambf.step_all(simulations, steps)
                 if together and not stepped:
                     stepped = together.end()
-                done = list(orders.items())
-                # Where a course observes, it draws.
-                run = self._threads().map if self._draws else map
-                for _ in run(lambda one: self._observe(orders, courses, *one), done):
-                    pass
+                if orders:
+                    done = list(orders.items())
+                    # Where a course observes, it draws.
+                    run = self._threads().map if self._draws else map
+                    for _ in run(lambda one: self._observe(orders, courses, *one), done):
+                        pass
         except BaseException:
             for lane in self._lanes:
                 lane.close()
