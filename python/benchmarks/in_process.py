@@ -31,6 +31,7 @@ from ambf_gym.scene import resources
 from ambf_gym.tasks import make_reach, reach
 
 WORLDS = (1, 2, 4, 8)
+INTEGRATORS = ("rk4", "euler")
 STEPS = (1, 10)
 # Worlds of the task alone.
 MANY = (64, 256)
@@ -116,15 +117,21 @@ def ratio(one: Any, other: Any) -> str:
 def physics(found: list[Any]) -> list[str]:
     """Tables of the arm."""
     has_peers = "pybullet" in found[0]["physics"][str(WORLDS[0])][str(STEPS[0])]
-    names = ["`accurate`", "in turn", "`accurate`/in turn", *(["pybullet", "`accurate`/pybullet"] if has_peers else [])]
-    lines = [f"| | load | worlds | steps a call | {' | '.join(names)} | `legacy` |", "|" + "---|" * (5 + len(names))]
+    names = ["`accurate`, rk4", "in turn, rk4", "at once/in turn", "`accurate`, euler"]
+    names += ["pybullet, Euler", "rk4/pybullet", "euler/pybullet"] if has_peers else []
+    lines = [
+        f"| | load | worlds | steps a call | {' | '.join(names)} | `legacy`, euler |",
+        "|" + "---|" * (5 + len(names)),
+    ]
     for condition in found:
         for steps in STEPS:
             for worlds, rates in condition["physics"].items():
                 row = rates[str(steps)]
                 cells = [rate(row["accurate"]), rate(row["in turn"]), ratio(row["accurate"], row["in turn"])]
+                cells.append(rate(row["euler"]))
                 if has_peers:
                     cells += [rate(row["pybullet"]), ratio(row["accurate"], row["pybullet"])]
+                    cells.append(ratio(row["euler"], row["pybullet"]))
                 cells.append(rate(row["legacy"]) if "legacy" in row else "")
                 load = f"{condition['load']:.1f}"
                 lines.append(f"| {name_of(condition)} | {load} | {worlds} | {steps} | {' | '.join(cells)} |")
@@ -135,16 +142,22 @@ def physics(found: list[Any]) -> list[str]:
 def reaching(found: list[Any], rounds: int) -> list[str]:
     """Tables of the environment."""
     lanes = list(found[0]["reach"][str(WORLDS[0])])
-    lines = [f"| | worlds | {' | '.join(lanes)} | best of ours/best other |", "|" + "---|" * (3 + len(lanes))]
+    heads = [*lanes, "best of ours, rk4/best other", "best of ours, euler/best other"]
+    lines = [f"| | worlds | {' | '.join(heads)} |", "|" + "---|" * (2 + len(heads))]
     for condition in found:
         for worlds, row in condition["reach"].items():
-            own, others = [], []
-            for name, value in row.items():
-                (own if name.startswith("ambf") else others).append(value)
-            best = ratio(*(max(values, key=lambda value: value[1]) for values in (own, others))) if others else ""
-            cells = " | ".join(rate(row[name]) if name in row else "" for name in lanes)
-            lines.append(f"| {name_of(condition)} | {worlds} | {cells} | {best} |")
-    made = {"alone": (environment(make_reach(in_process=True)), 1), "over ROS": (environment(make_reach("ros")), 1)}
+            cells = [rate(row[name]) if name in row else "" for name in lanes]
+            for integrator in INTEGRATORS:
+                own = [value for name, value in row.items() if name.startswith("ambf") and name.endswith(integrator)]
+                others = [value for name, value in row.items() if not name.startswith("ambf")]
+                best = [max(values, key=lambda value: value[1]) for values in (own, others) if values]
+                cells.append(ratio(*best) if len(best) == 2 else "")
+            lines.append(f"| {name_of(condition)} | {worlds} | {' | '.join(cells)} |")
+    made = {
+        f"{name}, {integrator}": (environment(make_reach(backend, integrator=integrator)), 1)
+        for name, backend in (("alone", "process"), ("over ROS", "ros"))
+        for integrator in INTEGRATORS
+    }
     single = measure({name: (lane, factor) for name, ((lane, _), factor) in made.items()}, rounds)
     for (_, close), _ in made.values():
         close()
@@ -190,14 +203,22 @@ def draw(folder: Path, found: Any) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    colours = {"accurate": "#33658a", "legacy": "#86bbd8", "in turn": "#758e4f", "pybullet": "#f26419"}
+    colours = {
+        "accurate": "#33658a",
+        "euler": "#55286f",
+        "legacy": "#86bbd8",
+        "in turn": "#758e4f",
+        "pybullet": "#f26419",
+    }
+    labels = {"accurate": "accurate, rk4", "euler": "accurate, euler", "legacy": "legacy, euler"}
+    labels.update({"in turn": "accurate in turn, rk4", "pybullet": "pybullet, Euler"})
     figure, panes = pyplot.subplots(1, len(STEPS), figsize=(8.0, 3.2), sharey=True)
     for axes, steps in zip(panes, STEPS):
         rows = [found["physics"][str(worlds)][str(steps)] for worlds in WORLDS]
         for name in (name for name in colours if name in rows[0]):
             low, middle, high = np.transpose([row[name] for row in rows]) / 1000.0
             axes.fill_between(WORLDS, low, high, color=colours[name], alpha=0.25, linewidth=0)
-            axes.plot(WORLDS, middle, color=colours[name], marker="o", label=name)
+            axes.plot(WORLDS, middle, color=colours[name], marker="o", label=labels[name])
         axes.set_xscale("log", base=2)
         axes.set_xticks(WORLDS, [str(worlds) for worlds in WORLDS])
         axes.set_title(f"{steps} step(s) a call", fontsize=10)

@@ -7,6 +7,9 @@ worlds.py [--cores N] [--busy N] [--worlds N]… [--many N]… [--rounds N] [--a
 * steps a second of a vectorised reach task: ours, and the same task in pybullet and MuJoCo, as Gymnasium's vector environments in one
   process and in a process a world (reach_peers.py).
 
+Ours is measured with its default integrator, rk4, and with euler, which is what pybullet and MuJoCo step with here. Lanes are named with
+it.
+
 `--many`: numbers of worlds of which only the task is measured. `--cores`: only so many of the machine are used, by all; `--busy`: as many
 endless loops run beside it; `--all`: profile legacy, too. Lanes take turns in short rounds. Prints one object of JSON: percentiles 10, 50
 and 90 of the rounds of each lane.
@@ -31,6 +34,8 @@ from ambf_gym.scene import resources
 from ambf_gym.tasks import reach
 
 STEPS = (1, 10)
+# The default of ours, and what the others step with.
+INTEGRATORS = ("rk4", "euler")
 ROUND_S = 0.25
 MODEL = "models/hanging_arm.urdf"
 HERE = Path(__file__).parent
@@ -39,9 +44,9 @@ HERE = Path(__file__).parent
 Lane = Callable[[int], float]
 
 
-def arms(profile: str, worlds: int, steps: int, *, in_turn: bool = False) -> Lane:
+def arms(profile: str, worlds: int, steps: int, *, integrator: str | None = None, in_turn: bool = False) -> Lane:
     """Calls as pybullet_peer.py describes them, in all worlds at once or in turn; a call counts once a world."""
-    sims = [ambf.Simulation(resources() / MODEL, profile=profile) for _ in range(worlds)]
+    sims = [ambf.Simulation(resources() / MODEL, profile=profile, integrator=integrator) for _ in range(worlds)]
     bodies = [sim.body("hanging_arm/base") for sim in sims]
     ends = [sim.body("flange") for sim in sims]
     places = np.arange(len(bodies[0].joints))
@@ -114,9 +119,9 @@ def of_peers(peers: list[Peer], *words: int) -> Lane:
     return run
 
 
-def environments(worlds: int) -> tuple[Lane, Callable[[], None]]:
+def environments(worlds: int, integrator: str) -> tuple[Lane, Callable[[], None]]:
     """Steps of the reach task with random actions, resets among them."""
-    env = InProcessVectorEnv(reach.SCENE, reach.TASK, worlds)
+    env = InProcessVectorEnv(reach.SCENE, reach.TASK, worlds, integrator=integrator)
     env.reset(seed=0)
     env.action_space.seed(0)
 
@@ -130,9 +135,9 @@ def environments(worlds: int) -> tuple[Lane, Callable[[], None]]:
     return run, env.close
 
 
-def batch(worlds: int) -> tuple[Lane, Callable[[], None]]:
+def batch(worlds: int, integrator: str) -> tuple[Lane, Callable[[], None]]:
     """The same in one `ambf.Batch`."""
-    env = Worlds(reach.SCENE, reach.TASK, worlds)
+    env = Worlds(reach.SCENE, reach.TASK, worlds, integrator=integrator)
     env.reset(seeds=range(worlds))
     rng = np.random.default_rng(0)
     low, high = env.action_space.low, env.action_space.high
@@ -176,6 +181,7 @@ def physics(worlds: int, rounds: int, profiles: tuple[str, ...]) -> dict[int, An
     for steps in STEPS:
         factor = worlds * steps
         lanes = {name: (arms(name, worlds, steps), factor) for name in profiles}
+        lanes["euler"] = (arms("accurate", worlds, steps, integrator="euler"), factor)
         lanes["in turn"] = (arms("accurate", worlds, steps, in_turn=True), factor)
         if peers:
             lanes["pybullet"] = (of_peers(peers, steps), factor)
@@ -189,7 +195,8 @@ def reaching(worlds: int, rounds: int) -> dict[str, Any]:
     """Rates of the environment; of more than 8 worlds only ours in a batch and the fastest other one."""
     python = os.environ.get("AMBF_PEERS_PYTHON")
     few = worlds <= 8
-    own = {"ambf batch": batch(worlds), **({"ambf": environments(worlds)} if few else {})}
+    own = {f"ambf batch, {integrator}": batch(worlds, integrator) for integrator in INTEGRATORS}
+    own.update({f"ambf, {integrator}": environments(worlds, integrator) for integrator in INTEGRATORS if few})
     lanes: dict[str, tuple[Lane, int]] = {name: (lane, worlds) for name, (lane, _) in own.items()}
     peers: list[Peer] = []
     for library in (("pybullet", "mujoco") if few else ("mujoco",)) if python else ():
@@ -197,7 +204,7 @@ def reaching(worlds: int, rounds: int) -> dict[str, Any]:
         older = {"PYTHONPATH": os.environ.get("AMBF_PEERS_MUJOCO3", "")} if library == "mujoco" else {}
         for way in ("sync", "async") if few else ("sync",):
             peers.append(Peer(str(python), "reach_peers.py", library, way, worlds, resources() / MODEL, **older))
-            lanes[f"{library} {way}"] = (of_peers(peers[-1:]), worlds)
+            lanes[f"{library} {way}, Euler"] = (of_peers(peers[-1:]), worlds)
     found = measure(lanes, rounds)
     for _, close in own.values():
         close()

@@ -17,7 +17,15 @@ from ambf_gym import (
     Task,
 )
 from ambf_gym.backend import BodyCommand
-from ambf_gym.parts import JointEfforts, JointPositions, JointVelocities, Position, Rotation, Twist
+from ambf_gym.parts import (
+    JointEfforts,
+    JointPositions,
+    JointVelocities,
+    Measurements,
+    Position,
+    Rotation,
+    Twist,
+)
 from ambf_gym.tasks import lift, reach
 from ambf_gym.worlds import Worlds
 
@@ -99,6 +107,55 @@ class TestWorlds(unittest.TestCase):
                         np.testing.assert_array_equal(observations[i], singles[i].reset()[0])
             self.assertGreater(ends, N)
 
+    def test_rays_are_observed(self):
+        """Of a sensor with one ray, which is asked for two: the second is 0."""
+        task = Task(
+            (Measurements("proximity", 2), Position("block")),
+            (DriveBody("palm", "velocity", low=-1, high=1),),
+            lambda step: 0.0,
+        )
+        worlds = Worlds(lift.SCENE, task, 2)
+        self.addCleanup(worlds.close)
+        singles = [SimulatorEnv(InProcessBackend(lift.SCENE), task) for _ in range(2)]
+        found = [worlds.reset(seeds=[1, 2])]
+        expected = [[env.reset(seed=seed)[0] for seed, env in zip((1, 2), singles)]]
+        for step in range(15):
+            actions = np.array([[0, 0, -0.2], [0.3, 0, -0.01 * step]])
+            found.append(worlds.step(actions)[0])
+            expected.append([env.step(action)[0] for env, action in zip(singles, actions)])
+        for env in singles:
+            env.close()
+        np.testing.assert_array_equal(found, expected)
+        self.assertGreater(len({*np.array(found)[:, :, 0].ravel()}), 2)
+        self.assertFalse(np.array(found)[:, :, 1].any())
+
+    def test_integrators(self):
+        """They are those of single environments."""
+        worlds = Worlds(reach.SCENE, reach.TASK, 1, integrator="euler")
+        self.addCleanup(worlds.close)
+        env = SimulatorEnv(InProcessBackend(reach.SCENE, integrator="euler"), reach.TASK)
+        self.addCleanup(env.close)
+        np.testing.assert_array_equal(worlds.reset(seeds=[3])[0], env.reset(seed=3)[0])
+        for _ in range(5):
+            np.testing.assert_array_equal(worlds.step(np.full((1, 7), 0.4))[0][0], env.step(np.full(7, 0.4))[0])
+
+    def test_infos(self):
+        """Columns are arrays; dicts of worlds are made of them, and keep what is added."""
+        worlds = Worlds(reach.SCENE, reach.TASK, 3)
+        self.addCleanup(worlds.close)
+        worlds.reset(seeds=[1, 2, 3])
+        *_, infos = worlds.step(np.full((3, 7), 1.5))
+        self.assertEqual(list(infos.columns), ["iterations", "clipped", "distance", "is_success"])
+        self.assertEqual(infos.columns["distance"].shape, (3,))
+        infos[1]["seen"] = True
+        self.assertEqual(len(infos), 3)
+        for i, info in enumerate(infos):
+            self.assertEqual((info["iterations"], info["clipped"], info["is_success"]), (40, True, False))
+            self.assertEqual((info["distance"], "seen" in info), (infos.columns["distance"][i], i == 1))
+            self.assertEqual([type(value) for value in list(info.values())[:4]], [int, bool, float, bool])
+        self.assertEqual(infos[-2:], list(infos)[1:])
+        self.assertRaises(IndexError, lambda: infos[3])
+
     def test_what_is_refused(self):
         """And nothing moves."""
         worlds = Worlds(reach.SCENE, reach.TASK, 2)
@@ -111,7 +168,7 @@ class TestWorlds(unittest.TestCase):
         np.testing.assert_array_equal(worlds.batch.poses, before)
         self.assertRaises(ValueError, worlds.reset, np.ones(3, dtype=bool))
         self.assertRaises(ValueError, Worlds, reach.SCENE, reach.TASK, 0)
-        with self.assertRaisesRegex(InvalidDescription, "neither sensors nor actuators"):
+        with self.assertRaisesRegex(InvalidDescription, "no actuators"):
             Worlds(lift.SCENE, lift.TASK, 2)
         with self.assertRaisesRegex(InvalidDescription, "nobody"):
             Worlds(reach.SCENE, Task((Position("nobody"),), (), lambda step: 0.0), 2)

@@ -142,6 +142,36 @@ class Environments(support.TimedTest):
         # The arm gives way to its weight.
         self.assertAlmostEqual(observation[elbow], drawn[2], delta=0.1)
 
+    def test_integrators(self):
+        """One argument, which means the option of the scene; what is made without is `rk4`."""
+
+        def last(**options):
+            env = self.make(gymnasium.make, "ambf/Reach-v0", **options)
+            env.reset(seed=1)
+            env.action_space.seed(2)
+            for _ in range(10):
+                observation, *_ = env.step(env.action_space.sample())
+            return observation
+
+        euler, rk4 = last(integrator="euler"), last(integrator="rk4")
+        np.testing.assert_array_equal(rk4, last())
+        np.testing.assert_array_equal(euler, last(backend="ros", integrator="euler"))
+        self.assertTrue((euler != rk4).any())
+        np.testing.assert_allclose(euler[:7], rk4[:7], atol=0.01)
+        many = self.make(
+            gymnasium.make_vec, "ambf/Reach-v0", 2, vectorization_mode="vector_entry_point", integrator="euler"
+        )
+        self.assertEqual([backend._options["integrator"] for backend in many.unwrapped._backends], ["euler"] * 2)
+        scene = Scene(reach.SCENE.models, options=("--integrator", "rk4", "--profile", "accurate"))
+        self.assertEqual(scene.integrated_by("euler").options, ("--profile", "accurate", "--integrator", "euler"))
+        scene = Scene(reach.SCENE.models, options=("--integrator=ballistic",))
+        self.assertEqual(scene.integrated_by("rk4").options, ("--integrator", "rk4"))
+        self.assertIs(scene.integrated_by(None), scene)
+        with self.assertRaisesRegex(InvalidDescription, "integrator='rk5': expected one of euler, ballistic, rk4"):
+            make_reach(integrator="rk5")
+        with self.assertRaisesRegex(InvalidDescription, "has one already"):
+            make_reach(InProcessBackend(reach.SCENE), integrator="euler")
+
     def test_lifting_by_hand(self):
         """The policy of the task over ROS ends here too."""
         env = self.make(make_lift, in_process=True)
@@ -266,6 +296,64 @@ class Vectors(unittest.TestCase):
         for wrong in (np.ones(2, dtype=bool), np.zeros(3, dtype=bool), [True] * 3, np.ones(3)):
             with self.assertRaises((TypeError, ValueError)):
                 many.reset(options={"reset_mask": wrong})
+
+    def test_arrays_of_worlds_that_end_at_other_times(self):
+        """Number for number, where some worlds begin again while others go on, and some are reset by hand."""
+
+        def info(step):
+            away = step.once(reach.distance)
+            return {"distance": away, "is_near": away < 0.3, "way": step.after.bodies[reach.FLANGE].position}
+
+        def ends(step):
+            return step.once(reach.distance) < 0.25
+
+        changed = {"max_steps": 7, "info": info, "terminated": ends, "settle_steps": 3}
+        task = Task(**{**vars(reach.TASK), **changed})
+        for mode in ("NextStep", "SameStep"):
+            many = InProcessVectorEnv(reach.SCENE, task, 5, autoreset_mode=mode)
+            turns = SyncVectorEnv([lambda: SimulatorEnv(InProcessBackend(reach.SCENE), task)] * 5, autoreset_mode=mode)
+            self.addCleanup(many.close)
+            self.addCleanup(turns.close)
+            self.assert_equal(many.reset(seed=5), turns.reset(seed=5))
+            many.action_space.seed(1)
+            ended = set()
+            for call in range(40):
+                actions = 1.2 * many.action_space.sample()
+                found, expected = many.step(actions), turns.step(actions)
+                self.assert_equal(found, expected)
+                self.assertEqual(list(found[4]), list(expected[4]))
+                for key, column in expected[4].items():
+                    self.assertEqual(
+                        found[4][key].dtype if key != "final_info" else None, getattr(column, "dtype", None)
+                    )
+                ended.add(int((found[2] | found[3]).sum()))
+                if call % 9 == 4:
+                    # Looked at, and stepped past the vector.
+                    states = [env.get_attr("states") for env in (many, turns)]
+                    self.assertEqual(*(repr(each) for each in states))
+                if call == 17:
+                    self.assert_equal(many.envs[2].reset(seed=3), turns.envs[2].reset(seed=3))
+                    self.assert_equal(many.envs[2].step(actions[2]), turns.envs[2].step(actions[2]))
+            self.assertTrue(ended & {1, 2, 3, 4}, ended)
+            self.assertIsNotNone(many._together)
+
+    def test_which_tasks_are_stepped_as_arrays(self):
+        """Those of arrays; not those with actuators, and not those with parts of their own."""
+
+        class Own(Position):
+            pass
+
+        own = Task(**{**vars(reach.TASK), "observe": (Own(reach.FLANGE),)})
+        for scene, task, expected in (
+            (reach.SCENE, reach.TASK, True),
+            (lift.SCENE, lift.TASK, False),
+            (reach.SCENE, own, False),
+        ):
+            many = InProcessVectorEnv(scene, task, 2)
+            self.addCleanup(many.close)
+            many.reset(seed=1)
+            many.step(many.action_space.sample())
+            self.assertEqual(many._together is not None, expected)
 
     def test_bad_input(self):
         """A wrong action moves no world."""

@@ -4,6 +4,8 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
 
+use crate::ids::BodyId;
+
 /// Force and torque.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Wrench {
@@ -45,6 +47,8 @@ pub struct RayReading {
     pub measurement: f64,
     /// Name of the rigid body that is hit, without namespace.
     pub sensed: Option<Arc<str>>,
+    /// The rigid body that is hit.
+    pub body: Option<BodyId>,
 }
 
 /// What touches the body of a contact sensor.

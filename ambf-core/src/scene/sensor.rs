@@ -281,6 +281,7 @@ impl Sensor {
                     reading.triggered = hit.is_some();
                     reading.measurement = hit.as_ref().map_or(0.0, |hit| 1.0 - hit.fraction);
                     reading.sensed = sensed.map(|body| Arc::clone(&bodies[body].identity.name));
+                    reading.body = sensed;
                 }
                 if let Some(resistance) = resistance {
                     resistance.push(world, bodies, self.parent, &self.info, (&self.rays, hits), interval);
@@ -307,7 +308,8 @@ fn read_contacts(
         let Some(body) = bodies.id_of(of_one[0].other) else { continue };
         let identity = &bodies[body].identity;
         let force = of_one.iter().map(|contact| contact.impulse / sub_step).sum();
-        readings.push(RayReading { triggered: true, measurement: force, sensed: Some(Arc::clone(&identity.name)) });
+        let sensed = Some(Arc::clone(&identity.name));
+        readings.push(RayReading { triggered: true, measurement: force, sensed, body: Some(body) });
         let points = if details { of_one } else { &[] };
         reading.bodies.push(TouchingBody { identifier: Arc::clone(&identity.qualified), points: points.len() });
         reading.points.extend(points.iter().map(|&Contact { distance, point, normal, .. }| ContactPoint {

@@ -4,11 +4,12 @@
 //! its own), and copies that into the arrays: nothing of Python is made for a world or a step, and Python's lock is held for the
 //! two copies only.
 
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
-use ambf_core::comm::{HubIndex, ObjectKind, RigidBodyCommand};
-use ambf_core::ids::{BodyId, JointId};
+use ambf_core::comm::{HubIndex, ObjectKind, RayReading, RigidBodyCommand, SensorType, Snapshot};
+use ambf_core::ids::{BodyId, JointId, SensorId};
 use ambf_core::scene::{ParameterChange, StateChange};
 use ambf_core::sim::{LostState, StepPool, Stepper, Steps};
 use ambf_core::text;
@@ -43,6 +44,21 @@ struct Row {
     below: Vec<usize>,
 }
 
+/// A sensor in the arrays.
+struct Sensor {
+    name: String,
+    id: SensorId,
+    kind: SensorType,
+    /// Columns of its rays; of a contact sensor, its column among contact sensors.
+    columns: Range<usize>,
+}
+
+impl Sensor {
+    fn has_rays(&self) -> bool {
+        self.kind != SensorType::Contact
+    }
+}
+
 /// What is the same in all worlds.
 struct Layout {
     rows: Vec<Row>,
@@ -50,10 +66,19 @@ struct Layout {
     joint_names: Vec<String>,
     /// Places in `rows` by the bodies' numbers; -1: a passive body.
     places: Vec<i64>,
+    sensors: Vec<Sensor>,
+    /// Rays of all sensors.
+    rays: usize,
+    /// Contact sensors.
+    feelers: usize,
 }
 
 /// Numbers of a body: pose and twist.
 const SEEN: usize = 13;
+
+/// What a ray sees that is no body in the arrays, and nothing.
+const ELSEWHERE: i64 = -1;
+const NOTHING: i64 = -2;
 
 impl Layout {
     fn of(stepper: &Stepper) -> Self {
@@ -85,16 +110,35 @@ impl Layout {
         for (place, row) in (0..).zip(&rows) {
             places[row.id.index()] = place;
         }
-        Self { rows, joint_ids, joint_names, places }
+        let (mut sensors, mut rays, mut feelers) = (Vec::new(), 0, 0);
+        for (_, entry) in stepper.objects().entries() {
+            let ObjectKind::Sensor(id, info) = &entry.info.kind else { continue };
+            let (first, count) = match info.kind {
+                SensorType::Contact => (&mut feelers, 1),
+                SensorType::Proximity | SensorType::Resistance => (&mut rays, stepper.snapshot().sensors[*id].len()),
+            };
+            let columns = *first..*first + count;
+            *first = columns.end;
+            sensors.push(Sensor { name: names::of(&entry.info), id: *id, kind: info.kind, columns });
+        }
+        Self { rows, joint_ids, joint_names, places, sensors, rays, feelers }
     }
 
-    /// Numbers that are seen of a world: those of bodies, then positions, velocities and efforts of joints.
+    /// Numbers that are seen of a world: those of bodies; positions, velocities and efforts of joints; measurements of rays and
+    /// what they see; forces on contact sensors and how many bodies touch them.
     fn size(&self) -> usize {
+        self.of_sensors() + 2 * (self.rays + self.feelers)
+    }
+
+    /// Where the numbers of sensors begin.
+    fn of_sensors(&self) -> usize {
         SEEN * self.rows.len() + 3 * self.joint_ids.len()
     }
 
     fn see(&self, stepper: &Stepper, seen: &mut [f64]) {
         let snapshot = stepper.snapshot();
+        let (seen, of_sensors) = seen.split_at_mut(self.of_sensors());
+        self.sense(snapshot, of_sensors);
         let (bodies, joints) = seen.split_at_mut(SEEN * self.rows.len());
         for (numbers, row) in bodies.chunks_exact_mut(SEEN).zip(&self.rows) {
             let body = &snapshot.bodies[row.id];
@@ -105,6 +149,33 @@ impl Layout {
         let values = [&snapshot.joint_positions, &snapshot.joint_velocities, &snapshot.joint_efforts];
         for (numbers, values) in joints.chunks_exact_mut(self.joint_ids.len().max(1)).zip(values) {
             numbers.iter_mut().zip(&self.joint_ids).for_each(|(to, joint)| *to = values[*joint]);
+        }
+    }
+
+    fn sense(&self, snapshot: &Snapshot, numbers: &mut [f64]) {
+        let (measured, numbers) = numbers.split_at_mut(self.rays);
+        let (sensed, numbers) = numbers.split_at_mut(self.rays);
+        let (forces, touching) = numbers.split_at_mut(self.feelers);
+        for sensor in &self.sensors {
+            let (readings, columns) = (&snapshot.sensors[sensor.id], sensor.columns.clone());
+            if sensor.has_rays() {
+                for (column, reading) in columns.zip(readings) {
+                    measured[column] = reading.measurement;
+                    sensed[column] = self.place_of(reading) as f64;
+                }
+            } else {
+                forces[columns.start] = readings.iter().map(|reading| reading.measurement).sum();
+                touching[columns.start] = readings.len() as f64;
+            }
+        }
+    }
+
+    /// The place of the body that a ray sees.
+    fn place_of(&self, reading: &RayReading) -> i64 {
+        match reading.body {
+            _ if !reading.triggered => NOTHING,
+            Some(body) => self.places.get(body.index()).copied().unwrap_or(ELSEWHERE),
+            None => ELSEWHERE,
         }
     }
 }
@@ -210,6 +281,10 @@ pub struct Batch {
     joint_positions: Buffer,
     joint_velocities: Buffer,
     joint_efforts: Buffer,
+    measurements: Buffer,
+    sensed: Buffer,
+    contact_forces: Buffer,
+    touching: Buffer,
     times: Buffer,
     lost: Buffer,
     kinds: Buffer,
@@ -267,6 +342,23 @@ impl Batch {
             buffer.write::<f64>(py, |numbers| {
                 for (to, lane) in numbers.chunks_exact_mut(joints.max(1)).zip(lanes) {
                     to.copy_from_slice(&lane.seen[SEEN * bodies + index * joints..][..joints]);
+                }
+            })?;
+        }
+        let (rays, feelers, first) = (self.layout.rays, self.layout.feelers, self.layout.of_sensors());
+        let of_sensors = [(&self.measurements, first, rays), (&self.contact_forces, first + 2 * rays, feelers)];
+        for (buffer, begin, count) in of_sensors.into_iter().filter(|(_, _, count)| *count > 0) {
+            buffer.write::<f64>(py, |numbers| {
+                for (to, lane) in numbers.chunks_exact_mut(count).zip(lanes) {
+                    to.copy_from_slice(&lane.seen[begin..][..count]);
+                }
+            })?;
+        }
+        let counted = [(&self.sensed, first + rays, rays), (&self.touching, first + 2 * rays + feelers, feelers)];
+        for (buffer, begin, count) in counted.into_iter().filter(|(_, _, count)| *count > 0) {
+            buffer.write::<i64>(py, |numbers| {
+                for (to, lane) in numbers.chunks_exact_mut(count).zip(lanes) {
+                    to.iter_mut().zip(&lane.seen[begin..][..count]).for_each(|(to, from)| *to = *from as i64);
                 }
             })?;
         }
@@ -516,6 +608,10 @@ impl Batch {
             joint_positions: numbers(&[count, joints])?,
             joint_velocities: numbers(&[count, joints])?,
             joint_efforts: numbers(&[count, joints])?,
+            measurements: numbers(&[count, layout.rays])?,
+            sensed: Buffer::command::<i64>(py, &[count, layout.rays], &[NOTHING])?,
+            contact_forces: numbers(&[count, layout.feelers])?,
+            touching: Buffer::command::<i64>(py, &[count, layout.feelers], &[0])?,
             times: numbers(&[count])?,
             lost: Buffer::command::<bool>(py, &[count], &[false])?,
             kinds: kinds(&[count, bodies])?,
@@ -553,6 +649,18 @@ impl Batch {
         Ok(row.below.clone())
     }
 
+    /// Names of the sensors, their types, and the columns of their rays, or of a contact sensor among those.
+    #[getter]
+    fn sensors(&self) -> Vec<(String, &'static str, usize, usize)> {
+        let kind = |kind: SensorType| match kind {
+            SensorType::Proximity => "proximity",
+            SensorType::Resistance => "resistance",
+            SensorType::Contact => "contact",
+        };
+        let sensors = self.layout.sensors.iter();
+        sensors.map(|one| (one.name.clone(), kind(one.kind), one.columns.start, one.columns.end)).collect()
+    }
+
     #[getter]
     fn joint_types(&self, py: Python<'_>) -> PyResult<Vec<&'static str>> {
         self.with(py, |lanes| {
@@ -569,6 +677,10 @@ impl Batch {
             "joint_positions" => &self.joint_positions,
             "joint_velocities" => &self.joint_velocities,
             "joint_efforts" => &self.joint_efforts,
+            "measurements" => &self.measurements,
+            "sensed" => &self.sensed,
+            "contact_forces" => &self.contact_forces,
+            "touching" => &self.touching,
             "times" => &self.times,
             "lost" => &self.lost,
             "kinds" => &self.kinds,

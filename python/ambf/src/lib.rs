@@ -41,7 +41,7 @@ mod _ambf {
     #[pymodule_export]
     use super::batch::Batch;
     #[pymodule_export]
-    use super::pool::{shared_descriptions, shared_shapes, step_all};
+    use super::pool::{shared_descriptions, shared_shapes, stack_states, step_all};
     #[pymodule_export]
     use super::recording::Replay;
     #[pymodule_export]

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use ambf_core::sim::{LostState, StepPool, Stepped, Steps};
 use ambf_core::together;
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use parking_lot::Mutex;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -142,6 +143,33 @@ fn give_all(
         Some(error) => Err(error),
         None => Ok(problems),
     }
+}
+
+/// Iterations, simulated times, and numbers of several worlds.
+type Stacked<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
+
+/// See `_ambf.pyi`.
+#[pyfunction]
+pub fn stack_states<'py>(py: Python<'py>, worlds: Vec<Bound<'py, World>>) -> PyResult<Stacked<'py>> {
+    let mut numbers = Vec::new();
+    let mut width = 0;
+    for (index, world) in worlds.iter().enumerate() {
+        world.get().append_states(py, &mut numbers)?;
+        numbers.push(0.0);
+        if index == 0 {
+            width = numbers.len();
+            numbers.reserve(width * (worlds.len() - 1));
+        }
+        if numbers.len() != width * (index + 1) {
+            let problem =
+                format!("simulation {index} has other numbers of bodies, joints, rays or actuators than the first");
+            return Err(PyValueError::new_err(problem));
+        }
+    }
+    let (steps, times): (Vec<_>, Vec<_>) = worlds.iter().map(|world| world.get().shown()).unzip();
+    let steps = PyArray1::from_vec(py, steps);
+    let numbers = PyArray1::from_vec(py, numbers).reshape([worlds.len(), width])?;
+    Ok((steps, PyArray1::from_vec(py, times), numbers))
 }
 
 /// See `_ambf.pyi`.

@@ -235,6 +235,21 @@ impl World {
         Ok(())
     }
 
+    /// Appends the arrays of states, one after the other: see `stack_states` in `_ambf.pyi`.
+    pub fn append_states(&self, py: Python<'_>, numbers: &mut Vec<f64>) -> PyResult<()> {
+        let joints = [&self.joint_positions, &self.joint_velocities, &self.joint_efforts];
+        for buffer in [&self.poses, &self.twists].into_iter().chain(joints).chain([&self.measurements]) {
+            buffer.read_all::<f64, _>(py, |states| numbers.extend_from_slice(states))?;
+        }
+        self.holding.read_all::<bool, _>(py, |holding| numbers.extend(holding.iter().map(|held| f64::from(*held))))
+    }
+
+    /// Iteration and simulated time, s, of what the arrays show.
+    pub fn shown(&self) -> (i64, f64) {
+        let clock = self.clock();
+        (clock.step.into(), clock.time)
+    }
+
     /// Whether the user has paused the simulation in a window.
     fn is_paused(&self) -> bool {
         self.windows.lock().as_ref().is_some_and(Windows::is_paused)
@@ -435,7 +450,7 @@ impl State {
 #[pymethods]
 impl World {
     #[new]
-    #[pyo3(signature = (models, launch_file, world, indexes, profile, solver, integrator, iterations, articulated, sleep, saving, step, plugins, crtk, seed))]
+    #[pyo3(signature = (models, launch_file, world, indexes, profile, solver, integrator, iterations, articulated, sleep, saving, joint_wrenches, step, plugins, crtk, seed))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
@@ -450,6 +465,7 @@ impl World {
         articulated: Option<bool>,
         sleep: Option<bool>,
         saving: bool,
+        joint_wrenches: bool,
         step: f64,
         plugins: Vec<PathBuf>,
         crtk: Vec<PathBuf>,
@@ -467,7 +483,7 @@ impl World {
             articulated,
             sleep,
             saving,
-            wrenches: true,
+            wrenches: joint_wrenches,
             step,
             plugins,
             crtk,

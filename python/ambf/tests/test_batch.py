@@ -53,6 +53,58 @@ class Batches(unittest.TestCase):
         weights = found.normal_forces(3, worlds.body("box"))
         np.testing.assert_allclose(weights, [9.81, 0.0, 3 * 9.81], rtol=1e-6)
 
+    def test_sensors_are_those_of_simulations(self):
+        """Rays that see and that push, and contacts, of boxes of other masses in each world, through a reset; in both profiles."""
+        models = [RESOURCES / "models" / name for name in ("touch.yaml", "gripper.yaml")]
+        for profile in ("accurate", "legacy"):
+            worlds = batch(N, models, profile=profile)
+            self.addCleanup(worlds.close)
+            sims = [ambf.Simulation(models, launch_file=LAUNCH, profile=profile) for _ in range(N)]
+            self.assertEqual(worlds.sensors, sims[0].sensors)
+            self.assertEqual(worlds.sensor_types, ("resistance", "contact", "proximity"))
+            self.assertEqual((worlds.measurements.shape, worlds.sensed.shape), ((N, 5), (N, 5)))
+            self.assertEqual((worlds.contact_forces.shape, worlds.touching.shape), ((N, 1), (N, 1)))
+            masses = np.linspace(0.1, 0.5, N)
+            worlds.set_parameters(masses={"plate": masses, "touch/box": masses})
+            for sim, mass in zip(sims, masses):
+                sim.set_parameters(masses={"plate": mass, "touch/box": mass})
+            seen, touched = set(), set()
+            for call in range(40):
+                if call == 30:
+                    worlds.reset(np.arange(N) % 2 == 0)
+                    for sim in sims[::2]:
+                        sim.reset()
+                worlds.step(20)
+                ambf.step_all(sims, 20)
+                np.testing.assert_array_equal(worlds.measurements, [sim.measurements for sim in sims])
+                for i, sim in enumerate(sims):
+                    for name, kind in zip(worlds.sensors, worlds.sensor_types):
+                        measured, names = sim.sensor(name).readings()
+                        columns = worlds.columns(name)
+                        if kind == "contact":
+                            forces, counts = worlds.contact_forces[i, columns], worlds.touching[i, columns]
+                            self.assertEqual((forces.tolist(), counts.tolist()), ([sum(measured)], [len(measured)]))
+                            touched.add(len(measured))
+                            continue
+                        np.testing.assert_array_equal(worlds.measurements[i, columns], measured)
+                        places = worlds.sensed[i, columns]
+                        found = [worlds.bodies[place].split("/")[-1] if place >= 0 else "" for place in places]
+                        self.assertEqual(found, list(names))
+                        np.testing.assert_array_equal(places == -2, measured == 0.0)
+                        seen.update(found)
+            self.assertTrue({"", "plate", "block"} <= seen, seen)
+            self.assertEqual(touched, {0, 1})
+            self.assertRaises(ambf.NotFoundError, worlds.columns, "eye")
+
+    def test_a_scene_without_sensors(self):
+        """The arrays are empty."""
+        worlds = batch(2)
+        self.addCleanup(worlds.close)
+        worlds.step(1)
+        self.assertEqual((worlds.sensors, worlds.sensor_types), ((), ()))
+        for array in (worlds.measurements, worlds.sensed, worlds.contact_forces, worlds.touching):
+            self.assertEqual(array.shape, (2, 0))
+
     def test_worlds_are_those_of_simulations_to_the_bit(self):
         """Under commands of all kinds, through resets of some, with parameters of their own; in both profiles."""
         for profile in ("accurate", "legacy"):

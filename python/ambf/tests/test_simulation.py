@@ -603,6 +603,30 @@ class States(unittest.TestCase):
             np.testing.assert_allclose(flange.pose, seen, atol=1e-9)
             np.testing.assert_allclose(flange.twist, 0, atol=1e-9)
 
+    def test_states_of_several_in_one_array(self):
+        """In the order that is told, as copies; those of other scenes are refused."""
+        with (
+            ambf.Simulation(GRIPPER, launch_file=LAUNCH) as first,
+            ambf.Simulation(GRIPPER, launch_file=LAUNCH) as second,
+        ):
+            second.actuator("holder").hold(sensor="proximity")
+            first.step(3)
+            second.step(5)
+            found = ambf.stack_states([first, second])
+            self.assertEqual(found.sim_steps.tolist(), [first.sim_step, second.sim_step])
+            self.assertEqual(found.sim_times.tolist(), [first.sim_time, second.sim_time])
+            for numbers, sim in zip(found.numbers, (first, second)):
+                joints = (sim.joint_positions, sim.joint_velocities, sim.joint_efforts)
+                expected = (sim.poses.ravel(), sim.twists.ravel(), *joints, sim.measurements, sim.holding, [0.0])
+                np.testing.assert_array_equal(numbers, np.concatenate(expected))
+            self.assertEqual(found.numbers[:, -2].tolist(), [0.0, 1.0])
+            before = found.numbers.copy()
+            first.step(5)
+            np.testing.assert_array_equal(found.numbers, before)
+            with arm() as other, self.assertRaisesRegex(ValueError, "simulation 1 has other numbers"):
+                ambf.stack_states([first, other])
+            self.assertEqual(ambf.stack_states([]).numbers.shape, (0, 0))
+
     def test_joints_say_what_they_carry(self):
         """The base of an arm at rest carries all of it, whatever the file says of feedback."""
         with arm() as sim:
@@ -614,6 +638,12 @@ class States(unittest.TestCase):
             self.assertEqual(sim.joint_wrenches.shape, (len(sim.joints), 6))
             np.testing.assert_allclose(sim.joint_wrenches[first][:3], (0, 0, moving * 9.81), atol=0.02)
             np.testing.assert_array_equal(base.joint_wrenches, sim.joint_wrenches[base.joint_indices])
+            with arm(joint_wrenches=False) as other:
+                base = other.body("arm7/base")
+                base.joint_kinds, base.joint_commands = ambf.POSITION, 0
+                other.step(4000)
+                self.assertFalse(other.joint_wrenches.any())
+                np.testing.assert_array_equal(other.poses, sim.poses)
 
     def test_a_moved_palm_carries_what_its_fingers_hold(self):
         """By velocity, then by poses that come every ten steps; the twist is there."""

@@ -182,7 +182,7 @@ fn physics(hub: &Hub, n_bodies: usize, stop: &AtomicBool) {
         cameras: vec![Isometry3::translation(1.0, 2.0, 3.0)].into(),
         lights: vec![Isometry3::identity()].into(),
         sensors: vec![vec![
-            RayReading { triggered: true, measurement: 0.75, sensed: Some("Box0".into()) },
+            RayReading { triggered: true, measurement: 0.75, sensed: Some("Box0".into()), body: None },
             RayReading::default(),
         ]]
         .into(),

@@ -85,10 +85,10 @@ mod tests {
             identifier: "/e/SENSOR Proximity0".into(),
             rates: Rates::default(),
         };
-        let hit = RayReading { triggered: true, measurement: 1e300, sensed: Some("Box".into()) };
-        let soft = RayReading { triggered: true, measurement: 0.5, sensed: None };
+        let hit = RayReading { triggered: true, measurement: 1e300, sensed: Some("Box".into()), body: None };
+        let soft = RayReading { triggered: true, measurement: 0.5, sensed: None, body: None };
         // The body that was hit last stays stored after a miss.
-        let miss = RayReading { triggered: false, measurement: 0.0, sensed: Some("Box".into()) };
+        let miss = RayReading { triggered: false, measurement: 0.0, sensed: Some("Box".into()), body: None };
         let snapshot =
             Snapshot { sim_step: 4, sensors: vec![vec![], vec![hit, soft, miss]].into(), ..Default::default() };
         let state = state(&object, SensorId::new(1), &info, &snapshot).unwrap();

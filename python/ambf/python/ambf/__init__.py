@@ -42,7 +42,9 @@ from .simulation import (
     Rays,
     Sensor,
     Simulation,
+    StackedStates,
     Viewer,
+    stack_states,
     step_all,
 )
 from .tree import Reached, Tree
@@ -82,6 +84,7 @@ __all__ = [
     "RenderError",
     "Sensor",
     "Simulation",
+    "StackedStates",
     "State",
     "StateError",
     "Tree",
@@ -90,5 +93,6 @@ __all__ = [
     "Volume",
     "__version__",
     "resources",
+    "stack_states",
     "step_all",
 ]

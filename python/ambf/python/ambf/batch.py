@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 Path = Union[str, "os.PathLike[str]"]
 Mask = Optional[ArrayLike]
 
-_STATES = ("poses", "twists", "joint_positions", "joint_velocities", "joint_efforts", "times", "lost")
-_COMMANDS = ("kinds", "wrenches", "target_poses", "target_twists", "joint_kinds", "joint_commands")
 _MOST_STEPS = 2**32 - 1
 
 
@@ -117,6 +115,7 @@ class Batch(Arrays):
         """(n x joints) rad/s or m/s."""
         self.joint_efforts: Array = inside.array("joint_efforts")
         """(n x joints) N·m or N; 0 without `enable feedback`."""
+        self._bind_sensors()
         self.times: Array = inside.array("times")
         """(n) simulated time of each world, s; it goes on through resets."""
         self.lost: NDArray[np.bool_] = inside.array("lost")
@@ -134,6 +133,24 @@ class Batch(Arrays):
         self.joint_commands: Array = inside.array("joint_commands")
         """(n x joints) N·m or N, rad or m, rad/s or m/s."""
 
+    def _bind_sensors(self) -> None:
+        inside = self._inside
+        listed = inside.sensors
+        self.sensors: Tuple[str, ...] = tuple(name for name, *_ in listed)
+        """Names of the sensors."""
+        self.sensor_types: Tuple[str, ...] = tuple(kind for _, kind, *_ in listed)
+        """(sensors) "proximity": rays that see; "resistance": rays that see and push; "contact": what touches its body."""
+        self._columns = tuple(slice(begin, end) for *_, begin, end in listed)
+        self.measurements: Array = inside.array("measurements")
+        """(n x rays of all sensors) 1 - distance / length of the ray: 0 … 1, larger is closer, 0 is nothing. `columns`: a sensor's."""
+        self.sensed: NDArray[np.int64] = inside.array("sensed")
+        """(n x rays of all sensors) the place in the arrays of the body that each ray sees; -1: something without one, such as a passive
+        body; -2: nothing."""
+        self.contact_forces: Array = inside.array("contact_forces")
+        """(n x contact sensors) sum of the normal forces on the body of each, N, not negative. `columns`: a sensor's."""
+        self.touching: NDArray[np.int64] = inside.array("touching")
+        """(n x contact sensors) how many bodies touch the body of each."""
+
     def body(self, name: Union[str, int]) -> int:
         """The place of a body in the arrays: that of this name, or the end or a part of it that is unique. Raises NotFoundError."""
         return find(name, self.bodies, "bodies")
@@ -142,11 +159,20 @@ class Batch(Arrays):
         """Places of the joints below a body in the arrays, in the order of its joint commands. Raises NotFoundError."""
         return np.array(self._inside.body_joints(self.body(body)), dtype=np.intp)
 
+    def columns(self, sensor: Union[str, int]) -> slice:
+        """Where a sensor stands in `measurements` and `sensed`; a contact sensor in `contact_forces` and `touching`. The name as that of
+        `body`. Raises NotFoundError.
+        """
+        return self._columns[find(sensor, self.sensors, "sensors")]
+
     def step(self, steps: Union[int, Sequence[int], NDArray[Any]] = 1) -> None:
         """Makes `steps` iterations (a number for all, or n numbers) in every world that is not lost, under the commands of the arrays.
 
         Raises ValueError if a number is negative or above 2**32 - 1; InvalidCommand, and no world has moved; ClosedError, BusyError.
         """
+        if type(steps) is int and 0 <= steps <= _MOST_STEPS:
+            self._inside.step(steps)
+            return
         numbers = np.asarray(steps)
         if numbers.dtype.kind not in "iu" or numbers.shape not in ((), (self.n,)):
             raise ValueError(f"steps={steps}: expected an integer, or {self.n}")

@@ -137,6 +137,7 @@ class Simulation(Arrays):
         articulated: Optional[bool] = None,
         sleep: Optional[bool] = None,
         saving: bool = False,
+        joint_wrenches: bool = True,
         step: float = 0.001,
         plugins: Sequence[Path] = (),
         crtk: Sequence[Path] = (),
@@ -147,9 +148,10 @@ class Simulation(Arrays):
 
         `profile`: "legacy", "accurate" or "pybullet"; `solver`, `integrator`, `iterations`, `articulated`, `sleep`: as the options of
         the programs. None: what the world file says, else the profile; the profile is "accurate" unless the world file names another one
-        (that of the programs is "legacy"). `step`: interval of an iteration, s. `saving`: allows `save`. `plugins`: simulator plugins,
-        shared libraries. `crtk`: files that configure arms for CRTK clients, for `arm`; `seed`: draws what they draw, as the program's
-        option `--seed`.
+        (that of the programs is "legacy"). `step`: interval of an iteration, s. `saving`: allows `save`. `joint_wrenches`: measures those
+        of all joints, not only of those with `enable feedback`; it costs time and changes nothing of the motion. `plugins`: simulator
+        plugins, shared libraries. `crtk`: files that configure arms for CRTK clients, for `arm`; `seed`: draws what they draw, as the
+        program's option `--seed`.
 
         Raises LoadError. What of a scene had to be left out or guessed is in `warnings`.
         """
@@ -166,6 +168,7 @@ class Simulation(Arrays):
             articulated,
             sleep,
             saving,
+            joint_wrenches,
             step,
             [os.fspath(file) for file in plugins],
             [os.fspath(file) for file in crtk],
@@ -211,7 +214,7 @@ class Simulation(Arrays):
         self.joint_wrenches: Array = inside.joint_wrenches
         """(joints x 6) what each joint exerts on its child: force, N, and torque about the child's end of the joint, N·m, world axes;
         the mean over the last sub-step. Motors, limits and springs of the joint count. Profile `legacy`: what Bullet applied, without
-        commanded efforts. Read-only."""
+        commanded efforts. 0 for joints whose wrench is not measured. Read-only."""
         self.measurements: Array = inside.measurements
         """(rays of all sensors) 0 … 1, larger is closer, 0 is nothing. Read-only. `Sensor.measurements` is a sensor's part."""
         self.holding: NDArray[np.bool_] = inside.holding
@@ -973,6 +976,24 @@ def step_all(simulations: Sequence[Simulation], steps: Union[int, Sequence[int]]
             if isinstance(problem, NonFiniteError):
                 problem.index = index
             raise problem
+
+
+class StackedStates(NamedTuple):
+    """States of several simulations of the same scene, as copies."""
+
+    sim_steps: NDArray[np.int64]
+    """(simulations) iteration whose states they are."""
+    sim_times: Array
+    """(simulations) simulated time, s."""
+    numbers: Array
+    """(simulations x numbers) of each, one after the other: `poses`, `twists`, `joint_positions`, `joint_velocities`, `joint_efforts`,
+    `measurements`, `holding` (1 or 0) and a zero, for what is not there.
+    """
+
+
+def stack_states(simulations: Sequence[Simulation]) -> StackedStates:
+    """States of all simulations in one array. Raises ValueError if they have other numbers of bodies, joints, rays or actuators."""
+    return StackedStates(*_ambf.stack_states([simulation._world for simulation in simulations]))
 
 
 def _close_view(world: weakref.ref[_ambf.World]) -> None:

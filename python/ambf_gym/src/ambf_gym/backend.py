@@ -78,7 +78,17 @@ class Commands:
 class Prepared(Commands):
     """Commands that a backend has compiled: what is in force stays, and `write` changes what differs."""
 
-    write: Callable[[], None] = field(default=lambda: None)
+    writers: Sequence[Callable[[Array], None]] = ()
+    """One a part of the action."""
+    pieces: Sequence[slice] = ()
+    """Where the numbers of each part stand."""
+    action: Array = field(default_factory=lambda: np.zeros(0))
+    """Within the bounds, in the units of the parts."""
+
+    def write(self) -> None:
+        """Puts the action in force."""
+        for writer, piece in zip(self.writers, self.pieces):
+            writer(self.action[piece])
 
 
 @dataclass(frozen=True)
@@ -127,12 +137,15 @@ class States:
     """All numbers in the order of `gather.Layout`, where the backend has them."""
 
     def __post_init__(self) -> None:
-        for what in ("body", "sensor", "actuator"):
-            plural = "bodies" if what == "body" else f"{what}s"
+        for what, plural in (("body", "bodies"), ("sensor", "sensors"), ("actuator", "actuators")):
             things = getattr(self, plural)
             if not isinstance(things, Named):
-                named = Named(f"{what} that the task names in its parts or in `bodies`", things)
-                object.__setattr__(self, plural, named)
+                object.__setattr__(self, plural, named(what, things))
+
+
+def named(what: str, things: Mapping[str, Value]) -> Named[Value]:
+    """States of bodies, sensors or actuators, by the names with which the task names them."""
+    return Named(f"{what} that the task names in its parts or in `bodies`", things)
 
 
 Picture = Dict[str, NDArray[Any]]

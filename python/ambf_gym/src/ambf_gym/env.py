@@ -6,7 +6,21 @@ import copy
 import os
 import time
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, Generator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union
+from typing import (
+    Any,
+    Callable,
+    Dict,
+    Generator,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Protocol,
+    Sequence,
+    Tuple,
+    TypeVar,
+    Union,
+)
 
 import gymnasium
 import numpy as np
@@ -14,6 +28,7 @@ from numpy.typing import NDArray
 
 from .backend import Array, Backend, Commands, Named, Pixels, Prepared, States, plain
 from .errors import InvalidAction, InvalidDescription, NotObserved
+from .gather import Gather, SeenStates
 from .parts import ActionPart, ObservationPart
 
 Observation = Any
@@ -33,6 +48,21 @@ class Order(NamedTuple):
     """What the reset is followed by: arguments of `ambf.Simulation.set_state`."""
 
 
+class Table(Protocol):
+    """What several environments that are stepped as arrays have reached: arrays of worlds."""
+
+    states: SeenStates
+    steps: NDArray[np.intp]
+    """(worlds) steps of the episodes."""
+
+
+class Row(NamedTuple):
+    """What a world has reached, as a row of a table: it is looked up when it is asked for."""
+
+    table: Table
+    world: int
+
+
 Course = Generator[Order, States, Result]
 """Says what is to be stepped, is sent the states, and ends with a result."""
 
@@ -49,6 +79,14 @@ class Transition:
     """What `Task.goal` has drawn for this episode."""
     steps: int
     """Steps of the episode, this one included."""
+
+    def once(self, function: Callable[[Transition], Result]) -> Result:
+        """`function(self)`, computed when it is asked for first: what reward, end and info have in common."""
+        kept: Dict[Any, Any] = self.__dict__.setdefault("_kept", {})
+        if function not in kept:
+            kept[function] = function(self)
+        result: Result = kept[function]
+        return result
 
 
 def _no_goal(rng: np.random.Generator) -> Array:
@@ -97,8 +135,19 @@ class Task:
     bodies: Sequence[str] = ()
     """Bodies whose state the functions need besides those that are observed."""
     of_arrays: bool = False
-    """`reward`, `terminated` and `info` compute along the last axis of what they are given. `Worlds` then calls them once for all
-    worlds, with states, actions, goals and steps that have an axis of worlds in front."""
+    """`reward`, `terminated` and `info` compute along the last axis of what they are given. `Worlds` and `InProcessVectorEnv` then call
+    them once for all worlds, with states, actions, goals and steps that have an axis of worlds in front."""
+
+
+class Compiled(NamedTuple):
+    """What is done in a step, as arrays."""
+
+    task: Task
+    """With the memory of its parts."""
+    bounds: Bounds
+    gather: Gather
+    pieces: Sequence[slice]
+    """Where the numbers of each part of the action stand."""
 
 
 class SimulatorEnv(gymnasium.Env[Any, Any]):
@@ -154,8 +203,9 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         low, high = np.concatenate((low, -infinite)), np.concatenate((high, infinite))
         self._bounds = Bounds(self._low, self._high, task.scaled_actions)
         self.action_space = action_space(self._low, self._high, task.scaled_actions)
-        self._gather: Optional[Any] = None
+        self._gather: Optional[Gather] = None
         self._writers: Optional[List[Callable[[Array], None]]] = None
+        self._prepared = Prepared(pieces=self._slices)
         state = gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32))
         self._pixels = (pixels,) if isinstance(pixels, Pixels) else tuple(pixels)
         self._has_state = len(low) > 0 or not self._pixels
@@ -169,7 +219,8 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
             backend.show()
         self._shown_until = 0.0
         self._is_open = False
-        self._states: Optional[States] = None
+        self.latest: Union[States, Row, None] = None
+        """What `states` tells, or where it stands."""
         self._goal: Array = np.zeros(task.goal_size)
         self._steps = 0
         self._first_step = 0
@@ -240,7 +291,7 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
             part.start(states)
         if self._task.settle_steps > 1:
             states = yield Order(self._rest(self._start), self._task.settle_steps - 1, False)
-        self._states = states
+        self.latest = states
         self._steps = 0
         self._first_step = states.sim_step
         if self._recorder is not None and self._recorder.is_recording:
@@ -249,21 +300,35 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
 
     def stepping(self, action: Any) -> Course[Outcome]:
         """`step` as a series of orders."""
-        before = self._states
+        before = self.states
         if before is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         wanted = self.checked(action)
         applied, is_clipped = self._bounds.apply(wanted)
         after = yield Order(self._commands(applied), self._task.n_skip_steps, False)
-        self._states = after
+        self.latest = after
         self._steps += 1
         transition = Transition(before, after, applied, self._goal, self._steps)
         iterations = (after.sim_step - self._first_step) % 2**32
         info: Info = {"iterations": iterations, "clipped": bool(is_clipped)}
-        info.update(self._task.info(transition))
+        more = self._task.info(transition)
+        # Of array functions they are numbers of NumPy, of others what the task says.
+        info.update(numbers_of_python(more) if self._task.of_arrays else more)
         terminated = bool(self._task.terminated(transition))
         truncated = not terminated and self._steps >= self.max_episode_steps
         return self._observation(after), float(self._task.reward(transition)), terminated, truncated, info
+
+    @property
+    def compiled(self) -> Optional[Compiled]:
+        """What is done in a step, if the backend has found where all that is observed and done stands."""
+        if self._gather is None or self._writers is None or self._pixels:
+            return None
+        return Compiled(self._task, self._bounds, self._gather, self._slices)
+
+    @property
+    def episode(self) -> Tuple[int, int, Array]:
+        """Steps of the episode, the iteration after its reset, and its goal."""
+        return self._steps, self._first_step, self._goal
 
     @property
     def max_episode_steps(self) -> int:
@@ -274,13 +339,8 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
     def _commands(self, applied: Array) -> Commands:
         """An action as commands. Those that are always the same are in force since the reset where the backend has compiled parts."""
         if self._writers is not None:
-            writers = self._writers
-
-            def write() -> None:
-                for writer, piece in zip(writers, self._slices):
-                    writer(applied[piece])
-
-            return Prepared(write=write)
+            self._prepared.writers, self._prepared.action = self._writers, applied
+            return self._prepared
         commands = Commands()
         self._task.also(commands)
         for part, piece in zip(self._task.act, self._slices):
@@ -292,7 +352,7 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         wanted = np.asarray(action, dtype=np.float64)
         if wanted.shape != self._low.shape:
             raise InvalidAction(f"an action of the shape {wanted.shape}; expected {self._low.shape}")
-        if not np.isfinite(wanted).all():
+        if not np.logical_and.reduce(np.isfinite(wanted)):
             raise InvalidAction(f"an action that is not finite: {wanted}")
         return wanted
 
@@ -305,7 +365,7 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         if self.render_mode is None:
             gymnasium.logger.warn("render() without render_mode shows nothing; give render_mode='rgb_array' or 'human'")
             return None
-        if self._states is None:
+        if self.latest is None:
             raise gymnasium.error.ResetNeeded("call reset() before render()")
         if self.render_mode == "human":
             return None
@@ -314,7 +374,7 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
     def close(self) -> None:
         """Lets go of the simulator; ends it if the environment has started it."""
         self._is_open = False
-        self._states = None
+        self.latest = None
         self._backend.close()
 
     def action_parts(self) -> Sequence[Tuple[str, slice]]:
@@ -325,7 +385,10 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
     @property
     def states(self) -> Optional[States]:
         """What was observed last, in full."""
-        return self._states
+        if isinstance(self.latest, Row):
+            table, world = self.latest
+            self.latest, self._steps = table.states[world], int(table.steps[world])
+        return self.latest
 
     def _open(self) -> None:
         bodies, sensors, actuators = names_of(self._task)
@@ -381,7 +444,7 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
             parts = [self._gather.observe(states.flat)]
         else:
             parts = [part.read(states) for part in self._task.observe]
-        state = np.concatenate((*parts, self._goal)).astype(np.float32)
+        state = np.concatenate((*parts, self._goal), dtype=np.float32, casting="same_kind")
         if not self._pixels:
             return state
         observation = {"state": state} if self._has_state else {}
@@ -427,12 +490,24 @@ class Bounds:
 
     def apply(self, wanted: Array) -> Tuple[Array, NDArray[np.bool_]]:
         """(… x size) actions in the units of the parts and within the bounds; and (…) whether some were beyond."""
-        inside = wanted.clip(-1.0, 1.0) if self._is_scaled else wanted.clip(self._low, self._high)
-        is_clipped: NDArray[np.bool_] = (inside != wanted).any(axis=-1)
-        if self._is_scaled:
-            # A rounding error may lead beyond them.
-            inside = (self._middle + self._half * inside).clip(self._low, self._high)
-        return inside, is_clipped
+        if not self._is_scaled:
+            inside = clip(wanted, self._low, self._high)
+            return inside, np.logical_or.reduce(inside != wanted, axis=-1)
+        inside = clip(wanted, -1.0, 1.0)
+        # A rounding error may lead beyond the bounds.
+        applied = clip(self._middle + self._half * inside, self._low, self._high)
+        return applied, np.logical_or.reduce(inside != wanted, axis=-1)
+
+
+def clip(values: Array, low: Any, high: Any) -> Array:
+    """What `numpy.clip` does, in half the time where there are few numbers."""
+    clipped: Array = np.minimum(np.maximum(values, low), high)
+    return clipped
+
+
+def numbers_of_python(info: Info) -> Info:
+    """Scalars of NumPy as numbers and truth values of Python."""
+    return {key: value.item() if isinstance(value, np.generic) else value for key, value in info.items()}
 
 
 def _with_pixels(state: Optional[gymnasium.spaces.Box], pixels: Sequence[Pixels]) -> gymnasium.spaces.Space[Any]:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Dict, List, Protocol, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Protocol, Sequence, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .backend import Array, BodyState, Named, plain
+from .backend import Array, BodyState, Named, SensorState, States, named, plain
 from .parts import (
     Holds,
     JointEfforts,
@@ -66,6 +66,19 @@ class Layout:
         return self.actuator(self.actuators)
 
 
+class Seen(NamedTuple):
+    """What of a scene a task sees."""
+
+    layout: Layout
+    bodies: Sequence[Tuple[str, int, Sequence[Tuple[str, int]]]]
+    """Name, row, and the joints below: names and columns."""
+    sensors: Sequence[str] = ()
+    actuators: Sequence[str] = ()
+
+
+Held = Tuple[Sequence[SensorState], Sequence[bool]]
+
+
 class Finder(Protocol):
     """Where things of a scene stand, by the names that tasks use."""
 
@@ -84,9 +97,14 @@ class Finder(Protocol):
         """Row of an actuator."""
 
 
-def narrow(values: Array) -> Array:
-    """In single precision; what is too large becomes the largest number, not infinite."""
-    return np.minimum(np.maximum(values, -_LARGEST), _LARGEST).astype(np.float32).astype(np.float64)
+def narrow(flat: Array, layout: Layout) -> None:
+    """Brings what is in single precision over ROS to it, in place: joints and rays of (worlds x numbers). What is too large becomes the
+    largest number, not infinite.
+    """
+    single = flat[:, 13 * layout.bodies : layout.ray(layout.rays)]
+    np.maximum(single, -_LARGEST, out=single)
+    np.minimum(single, _LARGEST, out=single)
+    single[...] = single.astype(np.float32)
 
 
 class Gather:
@@ -160,9 +178,9 @@ class SeenBody(BodyState):
 
     def _joints(self, kind: int) -> Dict[str, float]:
         flat, layout, _, joints = self.__dict__["_of"]
-        if flat.ndim == 1:
-            return {name: float(flat[layout.joint(kind, column)]) for name, column in joints}
-        return {name: flat[..., layout.joint(kind, column)] for name, column in joints}
+        places = layout.joint(kind, [column for _, column in joints])
+        values = flat[places].tolist() if flat.ndim == 1 else np.moveaxis(flat[..., places], -1, 0)
+        return dict(zip((name for name, _ in joints), values))
 
     @cached_property
     def position(self) -> Array:
@@ -200,6 +218,48 @@ class SeenBody(BodyState):
     def joint_efforts(self) -> Dict[str, float]:
         """See BodyState."""
         return self._joints(2)
+
+
+class SeenStates(States):
+    """States in a flat array: what is in them is taken out of it when it is asked for."""
+
+    def __init__(self, sim_step: Any, sim_time: Any, flat: Array, scene: Seen, held: Held = ((), ())) -> None:
+        """`flat`, `sim_step` and `sim_time`: of a world, or of an array of worlds. `held`: states of sensors and actuators."""
+        self.__dict__.update(sim_step=sim_step, sim_time=sim_time, flat=flat, _of=(scene, held))
+
+    def __repr__(self) -> str:
+        return repr(States(self.sim_step, self.sim_time, self.bodies, self.sensors, self.actuators))
+
+    def __len__(self) -> int:
+        """How many worlds it is of."""
+        assert self.flat is not None
+        return len(self.flat)
+
+    def __getitem__(self, world: Any) -> SeenStates:
+        """Of one of an array of worlds, as a simulation of its own tells them; or of some."""
+        assert self.flat is not None
+        step, time = self.sim_step[world], self.sim_time[world]  # type: ignore[index]
+        if isinstance(world, int):
+            step, time = int(step), float(time)
+        return SeenStates(step, time, self.flat[world], self.__dict__["_of"][0])
+
+    @cached_property
+    def bodies(self) -> Dict[str, BodyState]:
+        """See States."""
+        layout, bodies, *_ = self.__dict__["_of"][0]
+        return named("body", {name: SeenBody(self.flat, layout, row, joints) for name, row, joints in bodies})  # type: ignore[arg-type]
+
+    @cached_property
+    def sensors(self) -> Dict[str, SensorState]:
+        """See States."""
+        scene, held = self.__dict__["_of"]
+        return named("sensor", dict(zip(scene.sensors, held[0])))
+
+    @cached_property
+    def actuators(self) -> Dict[str, bool]:
+        """See States."""
+        scene, held = self.__dict__["_of"]
+        return named("actuator", dict(zip(scene.actuators, held[1])))
 
 
 def columns_by_name(names: Sequence[str], columns: Sequence[int], body: str) -> Named[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any, Callable, Dict, List, Mapping, NoReturn, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NoReturn, Optional, Sequence, Tuple, Union
 
 import ambf
 import numpy as np
@@ -22,7 +22,7 @@ from .backend import (
     plain,
 )
 from .errors import InvalidDescription, SimulatorFailed, StepMismatch
-from .gather import Gather, Layout, SeenBody, columns_by_name, narrow
+from .gather import Gather, Layout, Seen, SeenStates, columns_by_name, narrow
 from .parts import DriveBody, DriveJoints, Hold
 from .scene import Scene, resources
 
@@ -33,9 +33,11 @@ class InProcessBackend:
     It does what `RosBackend` does, number for number: over ROS joints are in single precision, so they are here too.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        """Loads `scene` when it is opened; of its options those about time and physics count, and others are an InvalidDescription."""
-        self._scene = scene
+    def __init__(self, scene: Scene, *, integrator: Optional[str] = None) -> None:
+        """Loads `scene` when it is opened; of its options those about time and physics count, and others are an InvalidDescription.
+        `integrator`: one of `scene.INTEGRATORS` instead of the scene's.
+        """
+        self._scene = scene = scene.integrated_by(integrator)
         self._options = physics_options(scene.options)
         self._simulation: Optional[ambf.Simulation] = None
         self._bodies: Dict[str, _Body] = {}
@@ -48,6 +50,8 @@ class InProcessBackend:
         self.is_recording = False
         """Whether it is recorded now."""
         self.layout = Layout(0, 0)
+        self.seen = Seen(self.layout, ())
+        """What is observed, and where it stands in `arrays`."""
 
     @property
     def interval(self) -> float:
@@ -61,6 +65,11 @@ class InProcessBackend:
             raise SimulatorFailed("the environment is closed; reset() opens it again")
         return self._simulation
 
+    @property
+    def opened(self) -> Optional[ambf.Simulation]:
+        """The simulation; None while closed."""
+        return self._simulation
+
     def joint_limits(self) -> Optional[Dict[str, Tuple[float, float]]]:
         """From the files of the scene."""
         return self._scene.joint_limits()
@@ -69,7 +78,10 @@ class InProcessBackend:
         """Loads the scene. Raises ambf.LoadError or InvalidDescription."""
         self.close()
         launch = self._scene.launch() or str(resources() / "launch.yaml")
-        simulation = ambf.Simulation(self._scene.model_files(), launch_file=launch, **self._options)
+        # No part observes the wrenches of joints.
+        simulation = ambf.Simulation(
+            self._scene.model_files(), launch_file=launch, joint_wrenches=False, **self._options
+        )
         self._simulation = simulation
         try:
             self._bodies = Named("observed body", {name: _Body(simulation.body(name)) for name in bodies})
@@ -85,6 +97,12 @@ class InProcessBackend:
         self._sim_step = simulation.sim_step
         counts = (simulation.bodies, simulation.joints, simulation.measurements, simulation.actuators)
         self.layout = Layout(*map(len, counts))
+        self.seen = Seen(
+            self.layout,
+            [(name, body.handle.index, body.columns) for name, body in self._bodies.items()],
+            tuple(self._sensors),
+            tuple(self._actuators),
+        )
         if self._is_shown:
             try:
                 simulation.view()
@@ -142,27 +160,16 @@ class InProcessBackend:
 
     def observe(self, steps: int) -> States:
         """What `step` does after `steps` iterations."""
-        simulation = self.simulation
-        expected, self._sim_step = (self._sim_step + steps) % 2**32, simulation.sim_step
-        if self._sim_step != expected:
-            raise StepMismatch(
-                f"step {self._sim_step} was reached instead of {expected}: somebody else steps the simulation"
-            )
-        flat = self._flat()
-        return States(
-            sim_step=self._sim_step,
-            sim_time=simulation.sim_time,
-            bodies={name: body.state(flat, self.layout) for name, body in self._bodies.items()},
-            sensors={name: _sensor_state(sensor) for name, sensor in self._sensors.items()},
-            actuators={name: actuator.holding for name, actuator in self._actuators.items()},
-            flat=flat,
-        )
+        (step,), (time,), flat = stacked([self], steps)
+        sensors, actuators = self._sensors.values(), self._actuators.values()
+        held = ([_sensor_state(sensor) for sensor in sensors], [actuator.holding for actuator in actuators])
+        return SeenStates(int(step), float(time), flat[0], self.seen, held)
 
-    def _flat(self) -> Array:
-        """All states as one array; see `gather.Layout`."""
-        s = self.simulation
-        single = narrow(np.concatenate((s.joint_positions, s.joint_velocities, s.joint_efforts, s.measurements)))
-        return np.concatenate((s.poses.ravel(), s.twists.ravel(), single, s.holding, (0.0,)))
+    def count(self, steps: int, reached: int) -> None:
+        """Raises StepMismatch if another iteration was reached than that after `steps` more."""
+        expected, self._sim_step = (self._sim_step + steps) % 2**32, reached
+        if reached != expected:
+            raise StepMismatch(f"step {reached} was reached instead of {expected}: somebody else steps the simulation")
 
     def gather(self, parts: Sequence[Any]) -> Optional[Gather]:
         """What the parts observe as places in `States.flat`; None if there are parts of other kinds."""
@@ -202,10 +209,18 @@ class InProcessBackend:
             return None
         return [makers[type(part)](part) for part in parts]
 
-    def _joint_writer(self, part: DriveJoints) -> Callable[[Array], None]:
+    def target(self, part: Union[DriveJoints, DriveBody]) -> Tuple[Array, Any]:
+        """The array that an action of the part goes into, and the places in it."""
         body = self._bodies[part.body]
-        places = np.array([body.places[plain(joint)] for joint in part.joints], dtype=np.intp)
-        commands = body.handle.joint_commands
+        if isinstance(part, DriveBody):
+            handle = body.handle
+            by_mode = {"force": handle.wrench, "velocity": handle.target_twist, "position": handle.target_pose}
+            return by_mode[part.mode], slice(part.size)
+        places = [body.places[plain(joint)] for joint in part.joints]
+        return body.handle.joint_commands, span(places)
+
+    def _joint_writer(self, part: DriveJoints) -> Callable[[Array], None]:
+        commands, places = self.target(part)
 
         def write(values: Array) -> None:
             commands[places] = part.targets(values).astype(np.float32)
@@ -213,11 +228,10 @@ class InProcessBackend:
         return write
 
     def _body_writer(self, part: DriveBody) -> Callable[[Array], None]:
-        body = self._bodies[part.body].handle
-        target = {"force": body.wrench, "velocity": body.target_twist, "position": body.target_pose}[part.mode]
+        target, places = self.target(part)
 
         def write(values: Array) -> None:
-            target[: part.size] = values[: part.size]
+            target[places] = values
 
         return write
 
@@ -251,6 +265,15 @@ class InProcessBackend:
             simulation.close()
 
 
+def stacked(backends: Sequence[InProcessBackend], steps: int) -> ambf.StackedStates:
+    """Iterations, times and flat arrays of what is seen after `steps` iterations of each. Raises StepMismatch."""
+    found = ambf.stack_states([backend.simulation for backend in backends])
+    for backend, reached in zip(backends, found.sim_steps.tolist()):
+        backend.count(steps, reached)
+    narrow(found.numbers, backends[0].layout)
+    return found
+
+
 class _Body:
     """A body with the names of its joints."""
 
@@ -260,7 +283,7 @@ class _Body:
         # The first of those of the same name.
         places = {name: place for place, name in reversed(list(enumerate(self.names)))}
         self.places = Named(f"joint of {handle.name}", places)
-        self._columns = list(zip(self.names, handle.joint_indices.tolist()))
+        self.columns = list(zip(self.names, handle.joint_indices.tolist()))
 
     def command(self, command: BodyCommand) -> None:
         body = self.handle
@@ -280,13 +303,18 @@ class _Body:
                 place = self.places[name]
                 body.joint_kinds[place], body.joint_commands[place] = kind, np.float32(value)
 
-    def state(self, flat: Array, layout: Layout) -> SeenBody:
-        return SeenBody(flat, layout, self.handle.index, self._columns)
+
+def span(places: Sequence[int]) -> Any:
+    """Places that stand in a row as a slice, which is faster; else as an array."""
+    if len(places) > 0 and list(places) == list(range(places[0], places[0] + len(places))):
+        return slice(places[0], places[0] + len(places))
+    return np.array(places, dtype=np.intp)
 
 
 def _sensor_state(sensor: ambf.Sensor) -> SensorState:
     measured, seen = sensor.readings()
-    return SensorState(measurement=narrow(measured), sensed=seen)
+    most = float(np.finfo(np.float32).max)
+    return SensorState(measurement=measured.clip(-most, most).astype(np.float32).astype(np.float64), sensed=seen)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -254,7 +254,16 @@ class DriveJoints:
 
     def start(self, states: States) -> None:
         """The set point is where the joints are."""
-        self._set_point = _joint_values(states.bodies[self.body].joint_positions, self)
+        self._set_point[...] = _joint_values(states.bodies[self.body].joint_positions, self)
+
+    @property
+    def set_point(self) -> Array:
+        """Where increments have led."""
+        return self._set_point
+
+    def keep_in(self, row: Array) -> None:
+        """The set point is kept in this array from now on, which holds it."""
+        self._set_point = row
 
     def write(self, values: Array, commands: Commands) -> None:
         """One number a joint."""
@@ -264,8 +273,7 @@ class DriveJoints:
         """What the joints are told; increments move the set point."""
         if self.increment is None:
             return values
-        self._set_point = np.minimum(np.maximum(self._set_point + values, self._low), self._high)
-        return self._set_point
+        return move(self._set_point, values, self._low, self._high)
 
     def rest(self, states: States, commands: Commands) -> None:
         """Positions as they are; velocity and effort zero."""
@@ -275,6 +283,14 @@ class DriveJoints:
     def _put(self, values: Array, commands: Commands) -> None:
         command = commands.bodies.setdefault(self.body, BodyCommand())
         command.joints.update({plain(joint): (_KINDS[self.mode], float(v)) for joint, v in zip(self.joints, values)})
+
+
+def move(set_points: Array, by: Array, low: Array, high: Array) -> Array:
+    """Moves set points (… x joints) within bounds."""
+    set_points += by
+    np.maximum(set_points, low, out=set_points)
+    np.minimum(set_points, high, out=set_points)
+    return set_points
 
 
 @dataclass

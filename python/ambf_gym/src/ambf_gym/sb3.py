@@ -24,9 +24,17 @@ class VecEnv(BaseVecEnv):  # type: ignore[misc]
     with s + i at the next `reset`. Tasks are those of `Worlds`.
     """
 
-    def __init__(self, scene: Scene, task: Task, num_envs: int, *, max_episode_steps: Optional[int] = None) -> None:
-        """Loads the worlds. Raises InvalidDescription, ambf.LoadError, ValueError."""
-        self.worlds = Worlds(scene, task, num_envs, max_episode_steps=max_episode_steps)
+    def __init__(
+        self,
+        scene: Scene,
+        task: Task,
+        num_envs: int,
+        *,
+        max_episode_steps: Optional[int] = None,
+        integrator: Optional[str] = None,
+    ) -> None:
+        """Loads the worlds, as `Worlds` does. Raises InvalidDescription, ambf.LoadError, ValueError."""
+        self.worlds = Worlds(scene, task, num_envs, max_episode_steps=max_episode_steps, integrator=integrator)
         self.render_mode = None
         self._actions: Any = None
         super().__init__(num_envs, self.worlds.observation_space, self.worlds.action_space)
@@ -45,8 +53,8 @@ class VecEnv(BaseVecEnv):  # type: ignore[misc]
 
     def step_wait(self) -> Tuple[Observations, NDArray[np.float32], NDArray[np.bool_], List[Dict[str, Any]]]:
         """Steps all worlds."""
-        observations, rewards, terminated, truncated, infos = self.worlds.step(self._actions)
-        done = terminated | truncated
+        observations, rewards, terminated, truncated, told = self.worlds.step(self._actions)
+        done, infos = terminated | truncated, list(told)
         for i in np.flatnonzero(done):
             infos[i]["terminal_observation"] = observations[i].copy()
         for info, is_truncated in zip(infos, truncated):

@@ -7,7 +7,7 @@ import math
 import os
 import shutil
 import xml.etree.ElementTree as xml
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Dict, Optional, Sequence, Tuple
 
@@ -17,6 +17,11 @@ from .backend import plain
 from .errors import InvalidDescription
 
 Limits = Dict[str, Tuple[float, float]]
+
+INTEGRATORS = ("euler", "ballistic", "rk4")
+"""How bodies are moved; None stands for that of the profile, which in "accurate" is "rk4". "euler": semi-implicit Euler, of first order
+in the interval, and the fastest; "rk4": of fourth order; "ballistic": between them, for free bodies.
+"""
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,19 @@ class Scene:
     """Launch file with the world, absolute or below the simulator's `resources`; the simulator's own if none."""
     options: Sequence[str] = ()
     """Further options of `ambf_simulator`, such as `('--profile', 'accurate')`."""
+
+    def integrated_by(self, integrator: Optional[str]) -> Scene:
+        """The scene with one of `INTEGRATORS`; None: as it is. Raises InvalidDescription."""
+        if integrator is None:
+            return self
+        if integrator not in INTEGRATORS:
+            raise InvalidDescription(f"integrator={integrator!r}: expected one of {', '.join(INTEGRATORS)}")
+        options, before = [], ""
+        for option in self.options:
+            if "--integrator" not in (before, option.split("=")[0]):
+                options.append(option)
+            before = option
+        return replace(self, options=(*options, "--integrator", integrator))
 
     def model_files(self) -> Tuple[str, ...]:
         """The model files, found; raises InvalidDescription if one is missing."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, ContextManager, Dict, List, Optional, Sequence, Tuple, Union
 
 import ambf
 import gymnasium
@@ -11,28 +12,41 @@ import numpy as np
 from ambf.names import find
 from numpy.typing import NDArray
 
-from .backend import FORCE, Array, Commands, States
-from .env import Bounds, Info, Task, Transition, action_space, names_of, stack
-from .errors import InvalidAction, InvalidDescription
-from .gather import Gather, Layout, SeenBody, columns_by_name, narrow
-from .in_process import physics_options
-from .parts import DriveBody, DriveJoints
+from .backend import FORCE, Array, Commands
+from .env import Bounds, Task, Transition, action_space, names_of, stack
+from .errors import InvalidDescription
+from .gather import Gather, Layout, Seen, SeenStates, columns_by_name, narrow
+from .in_process import physics_options, span
+from .many import Infos, Mask, checked, judge
+from .parts import DriveBody, DriveJoints, move
 from .scene import Scene, resources
 
-Mask = NDArray[np.bool_]
-Outcome = Tuple[NDArray[np.float32], Array, Mask, Mask, List[Info]]
+Outcome = Tuple[NDArray[np.float32], Array, Mask, Mask, Infos]
 
 _KINDS = {"effort": ambf.EFFORT, "force": ambf.FORCE, "position": ambf.POSITION, "velocity": ambf.VELOCITY}
+_AS_IT_IS: ContextManager[None] = contextlib.nullcontext()
 
 
 class Worlds:
     """`num_envs` worlds of a task, without autoreset: each returns what `SimulatorEnv` returns, to the bit.
 
-    Tasks observe and drive bodies and joints; those with sensors, actuators, pixels or parts of their own need `InProcessVectorEnv`.
+    Tasks observe bodies, joints and rays of sensors, and drive bodies and joints; those with actuators, pixels or parts of their own need
+    `InProcessVectorEnv`. `states.sensors` is empty: what rays see stands in `batch.measurements` and `batch.sensed`.
     """
 
-    def __init__(self, scene: Scene, task: Task, num_envs: int, *, max_episode_steps: Optional[int] = None) -> None:
-        """Loads the worlds. Raises InvalidDescription, ambf.LoadError, ValueError."""
+    def __init__(
+        self,
+        scene: Scene,
+        task: Task,
+        num_envs: int,
+        *,
+        max_episode_steps: Optional[int] = None,
+        integrator: Optional[str] = None,
+    ) -> None:
+        """Loads the worlds; `integrator`: one of `scene.INTEGRATORS` instead of the scene's.
+
+        Raises InvalidDescription, ambf.LoadError, ValueError.
+        """
         if num_envs < 1:
             raise ValueError(f"num_envs={num_envs}: expected 1 or more")
         if task.n_skip_steps < 1 or task.settle_steps < 1 or (max_episode_steps or task.max_steps) < 1:
@@ -40,6 +54,7 @@ class Worlds:
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps or task.max_steps
         self._task = task = copy.deepcopy(task)
+        scene = scene.integrated_by(integrator)
         limits = scene.joint_limits()
         self._low, self._high, self._slices = stack([part.bounds(limits) for part in task.act])
         low, high, _ = stack([part.bounds(limits) for part in task.observe])
@@ -53,7 +68,7 @@ class Worlds:
         options = physics_options(scene.options)
         self.batch = ambf.Batch(scene.model_files(), num_envs, launch_file=launch, **options)
         """The worlds: parameters may be changed through it."""
-        self.layout = Layout(len(self.batch.bodies), len(self.batch.joints))
+        self.layout = Layout(len(self.batch.bodies), len(self.batch.joints), self.batch.measurements.shape[1])
         self._columns: Dict[str, Dict[str, int]] = {}
         try:
             self._prepare()
@@ -64,17 +79,17 @@ class Worlds:
     def _prepare(self) -> None:
         """Finds where everything stands."""
         task, batch = self._task, self.batch
-        bodies, sensors, actuators = names_of(task)
-        if sensors or actuators:
-            raise InvalidDescription(
-                f"{', '.join((*sensors, *actuators))}: a batch has neither sensors nor actuators; use InProcessVectorEnv"
-            )
+        bodies, _, actuators = names_of(task)
+        if actuators:
+            raise InvalidDescription(f"{', '.join(actuators)}: a batch drives no actuators; use InProcessVectorEnv")
         try:
             self._rows = {name: batch.body(name) for name in bodies}
             self._gather = Gather(task.observe, self)
         except LookupError as error:
             raise InvalidDescription(f"{error}; with other parts use InProcessVectorEnv") from error
-        self._joints = {name: list(self.joints(name).items()) for name in bodies}
+        self._seen = Seen(
+            self.layout, [(name, row, list(self.joints(name).items())) for name, row in self._rows.items()]
+        )
         self._drives: List[_Drive] = []
         for part in task.act:
             makers: Dict[Any, Callable[[Any, Worlds], _Drive]] = {DriveJoints: _Joints, DriveBody: _Body}
@@ -137,8 +152,9 @@ class Worlds:
         if self._task.of_arrays:
             self._states = self._all_states(flat)
         else:
+            states = self._all_states(flat)
             for i in np.flatnonzero(chosen).tolist():
-                self._states[i] = self._state(flat[i], i)
+                self._states[i] = states[i]
         return self._observe(flat)
 
     def step(self, actions: Any) -> Outcome:
@@ -148,32 +164,32 @@ class Worlds:
         """
         if not self._ready.all():
             raise gymnasium.error.ResetNeeded("call reset() before step()")
-        wanted = np.asarray(actions, dtype=np.float64)
-        if wanted.shape != (self.num_envs, len(self._low)) or not np.isfinite(wanted).all():
-            raise InvalidAction(
-                f"actions of the shape {wanted.shape}; expected {self.num_envs} x {len(self._low)}, finite"
-            )
+        wanted = checked(actions, self.num_envs, len(self._low))
         applied, clipped = self._bounds.apply(wanted)
         for drive, piece in zip(self._drives, self._slices):
             drive.write(applied[:, piece])
-        self._step(np.full(self.num_envs, self._task.n_skip_steps))
+        self._step(self._task.n_skip_steps)
         flat = self._flat()
         before, self._states = self._states, self._all_states(flat)
         self._steps += 1
         truncated = self._steps >= self.max_episode_steps
-        iterations = ((self._counts - self._first_steps) % 2**32).tolist()
-        infos: List[Info] = [{"iterations": n, "clipped": c} for n, c in zip(iterations, clipped.tolist())]
+        columns = {"iterations": (self._counts - self._first_steps) % 2**32, "clipped": clipped}
         lost = self.batch.problems() if self.batch.lost.any() else {}
         if self._task.of_arrays:
-            rewards, terminated = self._judge_all(before, applied, infos)
+            step: Any = Transition(before, self._states, applied, self._goals, self._steps)  # type: ignore[arg-type]
+            # The functions see worlds that are lost, too.
+            with np.errstate(invalid="ignore") if lost else _AS_IT_IS:
+                rewards, terminated, more = judge(self._task, step, self.num_envs)
+            infos = Infos({**columns, **more}, self.num_envs)
         else:
+            infos = Infos(columns, self.num_envs)
             rewards, terminated = self._judge_each(before, applied, infos, lost)
         for i, problem in lost.items():
             infos[i]["lost"] = problem
             rewards[i], terminated[i] = 0.0, True
         return self._observe(flat), rewards, terminated, truncated & ~terminated, infos
 
-    def _judge_each(self, before: Any, applied: Array, infos: List[Info], lost: Any) -> Tuple[Array, Mask]:
+    def _judge_each(self, before: Any, applied: Array, infos: Infos, lost: Any) -> Tuple[Array, Mask]:
         """Rewards and whether episodes have ended; adds to `infos`. Nothing is asked of worlds that are lost."""
         rewards, terminated = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=bool)
         for i in range(self.num_envs):
@@ -183,18 +199,6 @@ class Worlds:
             infos[i].update(self._task.info(step))
             terminated[i] = bool(self._task.terminated(step))
             rewards[i] = float(self._task.reward(step))
-        return rewards, terminated
-
-    def _judge_all(self, before: Any, applied: Array, infos: List[Info]) -> Tuple[Array, Mask]:
-        """The same by array functions, which see lost worlds, too."""
-        step: Any = Transition(before, self._states, applied, self._goals, self._steps)  # type: ignore[arg-type]
-        with np.errstate(invalid="ignore"):
-            columns = self._task.info(step)
-            terminated = np.broadcast_to(self._task.terminated(step), self.num_envs).copy()
-            rewards = np.asarray(self._task.reward(step), dtype=np.float64).copy()
-        rows = zip(*(np.asarray(column).tolist() for column in columns.values()))
-        for info, row in zip(infos, rows):
-            info.update(zip(columns, row))
         return rewards, terminated
 
     def close(self) -> None:
@@ -214,38 +218,36 @@ class Worlds:
 
     def rays(self, sensor: str) -> Tuple[int, int]:
         """See `gather.Finder`."""
-        raise LookupError(f"{sensor}: a batch has no sensors")
+        columns, kinds = self.batch.columns(sensor), self.batch.sensor_types
+        # Contact sensors have no rays.
+        is_contact = kinds[find(sensor, self.batch.sensors, "sensors")] == "contact"
+        return (0, 0) if is_contact else (columns.start, columns.stop)
 
     def actuator(self, name: str) -> int:
         """See `gather.Finder`."""
         raise LookupError(f"{name}: a batch has no actuators")
 
-    def _step(self, steps: NDArray[Any]) -> None:
+    def _step(self, steps: Union[int, NDArray[Any]]) -> None:
         self.batch.step(steps)
         self._counts += steps
 
     def _flat(self) -> Array:
         """(worlds x numbers) all states; see `gather.Layout`."""
         b, n = self.batch, self.num_envs
-        single = narrow(np.concatenate((b.joint_positions, b.joint_velocities, b.joint_efforts), axis=1))
-        return np.concatenate((b.poses.reshape(n, -1), b.twists.reshape(n, -1), single, np.zeros((n, 1))), axis=1)
+        bodies = (b.poses.reshape(n, -1), b.twists.reshape(n, -1))
+        joints = (b.joint_positions, b.joint_velocities, b.joint_efforts)
+        flat: Array = np.concatenate((*bodies, *joints, b.measurements, np.zeros((n, 1))), axis=1)
+        narrow(flat, self.layout)
+        return flat
 
     def _observe(self, flat: Array) -> NDArray[np.float32]:
-        return np.concatenate((self._gather.observe(flat), self._goals), axis=1).astype(np.float32)
+        seen = (self._gather.observe(flat), self._goals)
+        return np.concatenate(seen, axis=1, dtype=np.float32, casting="same_kind")
 
     def _all_states(self, flat: Array) -> Any:
         """States of each world, or of all at once."""
-        if self._task.of_arrays:
-            return self._states_of(flat, self._counts.copy(), self.batch.times.copy())
-        return [self._state(row, i) for i, row in enumerate(flat)]
-
-    def _state(self, row: Array, i: int) -> States:
-        # As a simulation of its own counts, that began with 1.
-        return self._states_of(row, int(self._counts[i]), float(self.batch.times[i]))
-
-    def _states_of(self, flat: Array, step: Any, sim_time: Any) -> States:
-        bodies = {name: SeenBody(flat, self.layout, place, self._joints[name]) for name, place in self._rows.items()}
-        return States(step, sim_time, bodies, {}, {}, flat=flat)  # type: ignore[arg-type]
+        states = SeenStates(self._counts.copy(), self.batch.times.copy(), flat, self._seen)
+        return states if self._task.of_arrays else [states[i] for i in range(self.num_envs)]
 
     def _state_arrays(self, starts: Dict[int, Any]) -> Dict[str, Array]:
         """What `Task.start` has drawn, as arrays of all worlds."""
@@ -322,6 +324,8 @@ class _Joints(_Drive):
         columns = worlds.joints(part.body)
         self._columns = np.array([columns[joint.replace(" ", "")] for joint in part.joints], dtype=np.intp)
         self._places = worlds.layout.joint(0, self._columns)
+        self._commands = worlds.batch.joint_commands
+        self._targets = span(self._columns.tolist())
         self._set_points = np.zeros((worlds.num_envs, len(self._columns)))
 
     def rest(self, chosen: Mask, flat: Array, joints: Dict[str, Dict[int, Tuple[int, Any]]]) -> None:
@@ -340,10 +344,8 @@ class _Joints(_Drive):
 
     def write(self, values: Array) -> None:
         if self._part.increment is not None:
-            low, high = self._part.span
-            self._set_points = np.minimum(np.maximum(self._set_points + values, low), high)
-            values = self._set_points
-        self._worlds.batch.joint_commands[:, self._columns] = values.astype(np.float32)
+            values = move(self._set_points, values, *self._part.span)
+        self._commands[:, self._targets] = values.astype(np.float32)
 
 
 class _Body(_Drive):

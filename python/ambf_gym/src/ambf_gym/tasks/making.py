@@ -20,7 +20,8 @@ OPTIONS = """
 
 `backend`: "process", in this process with the package `ambf`; "ros", over ROS in a simulator of its own; or a `Backend`. None: in this
 process if the package `ambf` is installed, else over ROS. `in_process`: True is "process", False "ros". `render_mode`, `camera`, `width`,
-`height`, `pixels`, `max_episode_steps`: as those of `SimulatorEnv`. Others are options of `RosBackend`.
+`height`, `pixels`, `max_episode_steps`: as those of `SimulatorEnv`. `integrator`: one of `ambf_gym.scene.INTEGRATORS`; None: the scene's.
+Others are options of `RosBackend`.
 """
 
 
@@ -39,9 +40,10 @@ def makers(
         height: Optional[int] = None,
         pixels: Union[Pixels, Sequence[Pixels]] = (),
         max_episode_steps: Optional[int] = None,
+        integrator: Optional[str] = None,
         **ros: Any,
     ) -> SimulatorEnv:
-        chosen = make_backend(scene, which(backend, in_process), ros)
+        chosen = make_backend(scene, which(backend, in_process), ros, integrator)
         view: Dict[str, Any] = {"camera": camera, "width": width, "height": height}
         view["max_episode_steps"] = max_episode_steps
         return SimulatorEnv(chosen, task, render_mode, pixels=pixels, **view)
@@ -90,8 +92,13 @@ def which(backend: Union[Backend, str, None], in_process: Optional[bool]) -> Uni
     return backend
 
 
-def make_backend(scene: Scene, chosen: Union[Backend, str], ros: Dict[str, Any]) -> Backend:
+def make_backend(
+    scene: Scene, chosen: Union[Backend, str], ros: Dict[str, Any], integrator: Optional[str] = None
+) -> Backend:
     """The backend for `scene`. What it needs, ROS or the package `ambf`, is imported here. Raises InvalidDescription."""
+    if integrator is not None and (not isinstance(chosen, str) or ros.get("attach") is not None):
+        raise InvalidDescription(f"integrator={integrator!r}: the simulator has one already; start it with this one")
+    scene = scene.integrated_by(integrator)
     if chosen == ROS:
         from ..ros_backend import RosBackend
 
