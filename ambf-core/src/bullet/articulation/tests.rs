@@ -7,6 +7,7 @@ use crate::bullet::{
 
 mod external_constraints;
 mod several_freedoms;
+mod what_may_touch;
 
 const GRAVITY: f64 = 9.81;
 /// Moment of inertia of a rod of 1 kg and 1 m about an axis across it, kg·m².
