@@ -87,7 +87,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::adf::{self, Severity, SourcePos};
-use crate::bullet::{ContactLists, Gyroscopic, Preset, World};
+use crate::bullet::{ContactLists, Gyroscopic, JointReadings, Preset, World};
 use crate::comm::{ActuatorCommand, ObjectInfo, ObjectKind, Rates, RigidBodyInfo, Snapshot, Wrench};
 use crate::control::Profile;
 use crate::ids::{
@@ -468,19 +468,18 @@ impl Scene {
         }
     }
 
-    /// Reads all joint positions from Bullet; `dt` is the interval before, s.
-    pub(crate) fn observe_joints(&mut self, dt: f64, buffer: &mut [f64]) {
-        if self.profile == Profile::Accurate {
-            self.world.refresh_constraints();
+    /// Reads all joint positions from Bullet; `dt` is the interval before, s. `readings` is room for what is read.
+    pub(crate) fn observe_joints(&mut self, dt: f64, readings: &mut JointReadings) {
+        let is_accurate = self.profile == Profile::Accurate;
+        match is_accurate {
+            true => self.world.observe_constraints(readings),
+            false => self.world.read_positions(readings),
         }
-        self.world.read_constraints(buffer);
         for joint in &mut self.joints {
             // Joints of unknown type have no constraint: their position stays 0.
             if let Some(place) = joint.place {
-                let is_known = self.profile == Profile::Accurate && joint.joint_type == JointType::Revolute;
-                let handle = joint.handle.filter(|_| is_known);
-                let rate = handle.and_then(|handle| self.world.coordinate(handle)).map(|(_, rate)| rate);
-                joint.observe(buffer[place], dt, rate);
+                let has_rate = is_accurate && joint.joint_type == JointType::Revolute;
+                joint.observe(readings.positions[place], dt, has_rate.then(|| readings.rates[place]));
             }
         }
     }
@@ -501,8 +500,8 @@ impl Scene {
     }
 
     /// All objects back to the start, or only bodies and what belongs to them, with nothing left of what was before.
-    /// `buffer` is that of [`observe_joints`](Self::observe_joints).
-    pub(crate) fn reset(&mut self, bodies_only: bool, buffer: &mut [f64]) {
+    /// `readings` is room as for [`observe_joints`](Self::observe_joints).
+    pub(crate) fn reset(&mut self, bodies_only: bool, readings: &mut JointReadings) {
         if !bodies_only {
             self.world.begin_restart();
         }
@@ -527,7 +526,7 @@ impl Scene {
         }
         self.joints.iter_mut().for_each(Joint::reset);
         self.world.refresh_constraints();
-        self.observe_joints(0.0, buffer);
+        self.observe_joints(0.0, readings);
     }
 
     /// Cameras back to where they were, with the targets of the beginning.

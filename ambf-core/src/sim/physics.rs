@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use super::session::{Entry, Recorder, SinceStart, HASH_INTERVAL};
 use super::targets::ActiveTargets;
 use crate::adf::VolumeTool;
-use crate::bullet::PlausibleBounds;
+use crate::bullet::{JointReadings, PlausibleBounds};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand, Snapshot, Timing, Wrench};
 use crate::control::Profile;
 use crate::ids::{BodyId, JointId, Table, VolumeId};
@@ -55,7 +55,8 @@ pub(super) struct Physics {
     pub stamp: Option<SystemTime>,
     /// Snapshots are stamped with simulated time since 1970 instead.
     pub has_simulated_stamps: bool,
-    pub joint_buffer: Vec<f64>,
+    /// Room for what is read of joints in an update.
+    pub joint_readings: JointReadings,
     pub wrenches: Table<BodyId, Wrench>,
     pub targets: ActiveTargets,
     pub recorder: Option<Box<Recorder>>,
@@ -77,7 +78,7 @@ impl Physics {
             bullet_time: Duration::ZERO,
             stamp: None,
             has_simulated_stamps: false,
-            joint_buffer: Vec::new(),
+            joint_readings: JointReadings::default(),
             wrenches: Table::default(),
             targets: ActiveTargets::default(),
             recorder: None,
@@ -93,7 +94,7 @@ impl Physics {
     /// Makes place for what the scene has now.
     pub fn grow(&mut self) {
         self.targets.follow_scene(&self.scene);
-        self.joint_buffer.resize(self.scene.world.constraints().len(), 0.0);
+        self.joint_readings.make_room(self.scene.world.constraints().len());
         if self.scene.has_feedback {
             self.wrenches.grow(self.scene.bodies.len(), Wrench::default());
         }
@@ -147,7 +148,7 @@ impl Physics {
 
     /// Brings what follows from a step up to date: joints, efforts, wrenches, then ghost objects, sensors, vehicles.
     pub fn observe(&mut self) {
-        self.scene.observe_joints(self.time.dt, &mut self.joint_buffer);
+        self.scene.observe_joints(self.time.dt, &mut self.joint_readings);
         if self.scene.has_feedback {
             self.estimate_efforts();
         }
@@ -288,14 +289,14 @@ impl Physics {
     /// Returns rigid bodies, with what is on them, to their initial poses at rest. Commands stay in force.
     pub fn reset_bodies(&mut self) {
         self.targets.forget_jumps();
-        self.scene.reset(true, &mut self.joint_buffer);
+        self.scene.reset(true, &mut self.joint_readings);
     }
 
     /// Returns everything to the start; nothing is left of what was before. The clocks go on.
     pub fn reset(&mut self) {
         self.scene.end_commands();
         self.targets.clear();
-        self.scene.reset(false, &mut self.joint_buffer);
+        self.scene.reset(false, &mut self.joint_readings);
         self.wrenches.as_mut_slice().fill(Wrench::default());
         // No update was before the next one.
         let Time { sim_time, iteration, lost_time, .. } = self.time;

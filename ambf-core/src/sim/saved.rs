@@ -90,7 +90,7 @@ impl Simulation {
             // How clients want it.
             has_simulated_stamps: _,
             // Read anew in each update.
-            joint_buffer: _,
+            joint_readings: _,
             wrenches,
             targets,
             recorder,
