@@ -225,6 +225,7 @@ impl<'a> Builder<'a> {
             self.note(Severity::Warning, &joint.common.source, message);
         }
         self.scene.has_feedback |= joint.enable_feedback && handle.is_some();
+        self.scene.has_measured |= measured && handle.is_some();
         let live = Joint::new(joint, key, (parent, child), self.model, ([frame_a, frame_b], axis), handle, measured);
         self.scene.joints.push(live);
     }

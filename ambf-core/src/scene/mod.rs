@@ -207,6 +207,8 @@ pub struct Scene {
     pub kinematic_bodies: bool,
     /// Whether any joint estimates its reactions.
     pub has_feedback: bool,
+    /// Whether the wrench of any joint is measured.
+    pub(crate) has_measured: bool,
     /// What the world was made from: also all that is only drawn (skybox, shaders).
     pub description: Arc<adf::World>,
     /// Plugins that models and objects ask for, in the order in which they are loaded; those of the world are in its
@@ -262,6 +264,7 @@ impl Scene {
             gyroscopic: Gyroscopic::default(),
             kinematic_bodies: false,
             has_feedback: false,
+            has_measured: false,
             description,
             plugins: Vec::new(),
             options: options.clone(),
@@ -307,6 +310,7 @@ impl Scene {
             redundant_loops: _,
             changes: _,
             has_feedback: _,
+            has_measured: _,
             // These are chosen when the scene is loaded.
             namespace: _,
             world_rates: _,

@@ -61,6 +61,8 @@ pub(super) struct Physics {
     pub targets: ActiveTargets,
     pub recorder: Option<Box<Recorder>>,
     pub since_start: SinceStart,
+    /// Nobody looks at the reactions of joints after this update: those of an earlier one stay.
+    pub skips_reactions: bool,
 }
 
 impl Physics {
@@ -83,6 +85,7 @@ impl Physics {
             targets: ActiveTargets::default(),
             recorder: None,
             since_start: SinceStart::default(),
+            skips_reactions: false,
             scene,
         };
         physics.grow();
@@ -130,6 +133,9 @@ impl Physics {
     /// Steps the world by the interval of this update.
     pub fn step(&mut self) {
         let cap = self.scene.max_sub_steps;
+        if self.scene.has_measured {
+            self.scene.world.set_reactions(!self.skips_reactions);
+        }
         let begin = Instant::now();
         self.time.due = self.targets.step(&mut self.scene, self.time.interval, cap, self.sub_step);
         self.bullet_time += begin.elapsed();
@@ -149,11 +155,13 @@ impl Physics {
     /// Brings what follows from a step up to date: joints, efforts, wrenches, then ghost objects, sensors, vehicles.
     pub fn observe(&mut self) {
         self.scene.observe_joints(self.time.dt, &mut self.joint_readings);
-        if self.scene.has_feedback {
+        if self.scene.has_feedback && !self.skips_reactions {
             self.estimate_efforts();
         }
-        let Scene { joints, bodies, world, .. } = &mut self.scene;
-        joints.iter_mut().filter(|joint| joint.is_measured).for_each(|joint| joint.measure(world, bodies));
+        if self.scene.has_measured && !self.skips_reactions {
+            let Scene { joints, bodies, world, .. } = &mut self.scene;
+            joints.iter_mut().filter(|joint| joint.is_measured).for_each(|joint| joint.measure(world, bodies));
+        }
         self.scene.update_elements(self.sub_step, self.time.interval.max(self.sub_step));
     }
 

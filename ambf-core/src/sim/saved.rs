@@ -96,6 +96,8 @@ impl Simulation {
             recorder,
             // Recordings begin at the start or after a reset, not at a saved state.
             since_start: _,
+            // Set for each update.
+            skips_reactions: _,
         } = physics;
         Ok(SavedState {
             scene: scene.save()?,
