@@ -50,7 +50,8 @@ pub(super) struct Physics {
     pub time: Time,
     /// As it was before the latest update.
     pub time_before: Time,
-    pub bullet_time: Duration,
+    /// Time spent inside Bullet's step; `None`: it is not measured.
+    pub bullet_time: Option<Duration>,
     /// When the latest update was; taken where somebody listens.
     pub stamp: Option<SystemTime>,
     /// Snapshots are stamped with simulated time since 1970 instead.
@@ -77,7 +78,7 @@ impl Physics {
             bounds,
             time: Time::default(),
             time_before: Time::default(),
-            bullet_time: Duration::ZERO,
+            bullet_time: None,
             stamp: None,
             has_simulated_stamps: false,
             joint_readings: JointReadings::default(),
@@ -136,9 +137,9 @@ impl Physics {
         if self.scene.has_measured {
             self.scene.world.set_reactions(!self.skips_reactions);
         }
-        let begin = Instant::now();
+        let begin = self.bullet_time.map(|before| (before, Instant::now()));
         self.time.due = self.targets.step(&mut self.scene, self.time.interval, cap, self.sub_step);
-        self.bullet_time += begin.elapsed();
+        self.bullet_time = begin.map(|(before, begin)| before + begin.elapsed());
         self.time.lost_time += f64::from(self.time.due.saturating_sub(cap)) * self.sub_step;
         self.time.pass(self.time.interval);
     }
