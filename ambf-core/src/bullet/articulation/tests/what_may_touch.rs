@@ -93,13 +93,15 @@ fn a_joint_that_goes_lets_its_bodies_touch() {
 }
 
 #[test]
-fn contacts_go_when_a_joint_forbids_them() {
+fn contacts_that_a_joint_forbids_go_when_its_bodies_part() {
     let (mut world, [ball, other], joint) = passing();
     assert!(world.remove_constraint(joint));
     step(&mut world, 402);
     assert_eq!(world.contact_count(), 1);
     let free = Constraint { disable_collisions: true, ..hinge(ConstraintKind::SixDof([[1.0, -1.0]; 6]), 0.0, 0.0) };
     world.add_constraint(ball, other, &free).unwrap();
+    // Bullet keeps them while the AABBs overlap.
+    step(&mut world, 2);
     for (body, x) in [(ball, -3.0), (other, 3.0)] {
         world.set_pose(body, &Isometry3::translation(x, 0.0, 0.0));
     }
