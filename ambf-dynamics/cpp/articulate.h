@@ -19,6 +19,10 @@ AmbArticulation *amb_world_articulate(AmbWorld *world, AmbBody *base, AmbConstra
    present poses and velocities. */
 void amb_world_dissolve(AmbWorld *world, AmbArticulation *articulation);
 
+/* Whether sub-steps compute the reactions of joints with feedback in articulations, and of constraints on their links; else
+   those of earlier sub-steps stay. Nothing else depends on it. Default: 1. */
+void amb_world_set_reactions(AmbWorld *world, int enabled);
+
 /* Brings objects, bodies and constraints of a world of kind AmbWorldKind_Articulated without articulations back to the order
    in which they were added, which these arrays lose when articulations come and go. The n constraints are those of the
    world, in that order; null entries are skipped. Couplings forget the motion. */

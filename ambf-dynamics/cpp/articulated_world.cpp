@@ -146,6 +146,7 @@ void ArticulatedWorld::move_freely(btContactSolverInfo &info) {
 void ArticulatedWorld::integrateTransforms(btScalar h) {
   btDiscreteDynamicsWorld::integrateTransforms(h);
   for (AmbArticulation *articulation : articulations) articulation->integrate(h);
+  if (!engine_of(*static_cast<AmbWorld *>(getWorldUserInfo())).has_reactions) return;
   for (AmbConstraint *constraint : external_constraints) constraint->external_rows->write_feedback(h);
 }
 
@@ -216,6 +217,12 @@ void remove_external_constraint(AmbWorld &world, AmbConstraint &constraint) {
   constraint.external_rows.reset();
 }
 
-extern "C" void amb_world_restore_order(AmbWorld *world, AmbConstraint *const *constraints, int n) {
+extern "C" {
+
+void amb_world_set_reactions(AmbWorld *world, int enabled) { engine_of(*world).has_reactions = enabled != 0; }
+
+void amb_world_restore_order(AmbWorld *world, AmbConstraint *const *constraints, int n) {
   world->articulated->restore_order(constraints, n, engine_of(*world).couplings);
 }
+
+}  // extern "C"

@@ -592,7 +592,7 @@ void AmbArticulation::integrate_free_motion(btScalar h) {
     body.force = proxy.getTotalForce() + proxy.getGravity() * body.mass;
     body.torque = proxy.getTotalTorque();
   }
-  if (has_feedback) remember_momenta();
+  if (has_feedback && engine_of(world).has_reactions) remember_momenta();
   if (dynamics.fixed_base) take_base_velocity();
   choose_springs(h);
   // Motors and limits of coupled joints may contradict each other, which rows resolve.
@@ -714,7 +714,7 @@ void AmbArticulation::integrate(btScalar h) {
   // them by parts of the sub-step, and only what no torque causes is too fast.
   dynamics.bound_rotation(rate, has_rows ? SIMD_HALF_PI / h : dynamics.state.start_rotation + SIMD_HALF_PI / h);
   if (is_accounted) end_account(h, motion.is_straight);
-  if (has_feedback) write_feedback(h);
+  if (has_feedback && engine_of(world).has_reactions) write_feedback(h);
   write_proxies();
 }
 

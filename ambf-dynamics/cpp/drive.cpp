@@ -376,6 +376,24 @@ int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]) {
   return 1;
 }
 
+void amb_constraints_observe(AmbConstraint *const *constraints, const unsigned char *readings, int n, double *coordinates,
+                             double *rates) {
+  for (int i = 0; i < n; ++i) {
+    if (!constraints[i]) continue;
+    AmbConstraint &constraint = *constraints[i];
+    rates[i] = 0;
+    if (constraint.articulation && readings[i] != AmbReading_None) {
+      const btScalar coordinate = constraint.articulation->coordinate(constraint, &rates[i]);
+      const bool is_angle = readings[i] == AmbReading_HingeAngle || readings[i] == AmbReading_AxisAngle;
+      coordinates[i] = is_angle ? constraint.motor.coordinate_of(coordinate) : coordinate;
+    } else {
+      amb_constraints_refresh(&constraints[i], 1);
+      amb_constraints_read(&constraints[i], &readings[i], 1, &coordinates[i]);
+      if (constraint.kind == Kind::Hinge) rates[i] = static_cast<DrivenHinge &>(*constraint.constraint).rate();
+    }
+  }
+}
+
 void amb_body_set_drive(AmbWorld *world, AmbBody *body, const double velocity[6], const double softness[2]) {
   if (body->body.isStaticOrKinematicObject()) return;
   if (body->articulation) {

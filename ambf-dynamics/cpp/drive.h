@@ -24,6 +24,10 @@ int amb_constraint_set_resistance(AmbConstraint *constraint, double damping, dou
 /* Writes the coordinate of a hinge (rad, within pi of the middle of its limits, without them of 0) or slider (m) and its rate,
    from the present poses and velocities. Returns 0 for constraints of other types. */
 int amb_constraint_coordinate(const AmbConstraint *constraint, double out[2]);
+/* Writes what amb_constraints_read does after amb_constraints_refresh, rad or m, and the rates of hinges and of all joints
+   of articulations, rad/s or m/s; 0 for the rates of other constraints. Where there is null nothing is written. */
+void amb_constraints_observe(AmbConstraint *const *constraints, const unsigned char *readings, int n, double *coordinates,
+                             double *rates);
 
 /* Six rows v = velocity - softness * impulse for the centre of mass of a body: linear (m/s), then angular (rad/s),
    world axes; softness of the linear (1/kg) and of the angular rows (1/(kg m^2)). */

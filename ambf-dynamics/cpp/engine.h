@@ -58,6 +58,8 @@ class EngineWorld final : public Extension {
   int integrator = AmbIntegrator_Euler;
   // See amb_world_set_trees_by_euler.
   bool trees_by_euler = false;
+  // See amb_world_set_reactions.
+  bool has_reactions = true;
   // Number of the sub-step; counted for AmbIntegrator_Ballistic and AmbIntegrator_RungeKutta only.
   uint64_t sub_step = 0;
   // Continuous collision detection is enabled for at least one body, see sweep.h.

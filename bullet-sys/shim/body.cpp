@@ -26,6 +26,11 @@ void note_change(AmbBody &body) {
   if (body.world && body.world->extension) body.world->extension->body_changed(body);
 }
 
+// To be called when what the body collides with has changed.
+void note_partners(const AmbBody &body) {
+  if (body.world) body.world->broadphase.is_unknown = true;
+}
+
 }  // namespace
 
 extern "C" {
@@ -39,6 +44,7 @@ void amb_body_free(AmbBody *body) { delete body; }
 void amb_body_set_apart(AmbBody *body, unsigned family, const unsigned *groups, int n) {
   body->family = family;
   body->groups.assign(groups, groups + n);
+  note_partners(*body);
 }
 
 void amb_body_set_filter(AmbBody *body, unsigned model, unsigned member, unsigned cluster, unsigned outer, unsigned kind,
@@ -53,6 +59,7 @@ void amb_body_set_filter(AmbBody *body, unsigned model, unsigned member, unsigne
   filter.affinity = affinity;
   filter.excluded.assign(excluded, excluded + n);
   filter.included.assign(included, included + m);
+  note_partners(*body);
 }
 
 void amb_body_set_surface(AmbBody *body, double friction, double rolling_friction, double restitution) {

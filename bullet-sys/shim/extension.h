@@ -208,7 +208,10 @@ struct SoftMotor {
   // its limits, or without limits in [-pi, pi]. An angle that is there already is not changed in its last bit.
   btScalar coordinate_of(btScalar angle) const {
     const btScalar turn = 2 * SIMD_PI, middle = (low + high) / 2;
-    if (low > high || !std::isfinite(middle)) return std::remainder(angle, turn);
+    const bool is_bounded = low <= high && std::isfinite(middle);
+    // Nearly always it is there, and the functions below take longer than all else that reads a joint.
+    if (std::fabs(is_bounded ? angle - middle : angle) < 3) return angle;
+    if (!is_bounded) return std::remainder(angle, turn);
     const btScalar turns = std::nearbyint((angle - middle) / turn);
     return turns == 0 ? angle : angle - turn * turns;
   }

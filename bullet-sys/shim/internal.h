@@ -324,11 +324,17 @@ struct Broadphase : private OwnPairCache, btDbvtBroadphase {
 
   bool tight = false;
   bool keeps_order = true;
+  // Whether two objects may touch, unless it is not known because objects came or went, or others ignore each other: see
+  // AmbWorld::find_what_may_touch.
+  bool may_touch = true, is_unknown = true;
+  // AABBs are those of an earlier sub-step, because nothing may touch.
+  bool lags = false;
 
  private:
   static bool is_in_tree(const btBroadphaseProxy &proxy) { return static_cast<const btDbvtProxy &>(proxy).leaf; }
 
   void count(int change) {
+    is_unknown = true;
     objects_ += change;
     pairs.leaves_out_apart = !keeps_order || objects_ > MOST_KEPT;
   }
@@ -347,6 +353,11 @@ struct AmbWorld {
   void prepare_for(const AmbShape &shape);
   // Disables collisions between the two from now on and removes their contacts.
   void ignore_pair(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btCollisionObject &object_b);
+  // Finds out whether two objects may touch, if that is not known.
+  void find_what_may_touch();
+  // Brings AABBs up to the present poses if sub-steps have left them as they were. To be called before they are used
+  // outside of the collision detection.
+  void catch_up_with_bounds();
 
   // Arena in which this object itself is allocated; null: the heap.
   const AmbArena *arena;

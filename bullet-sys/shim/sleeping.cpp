@@ -53,6 +53,7 @@ void set_activation_state(AmbWorld &world, AmbBody &owner) {
 
 void activate_neighbours(AmbWorld &world, const AmbBody &owner) {
   if (!world.allows_sleeping) return;
+  world.catch_up_with_bounds();
   const btBroadphaseProxy &proxy = *owner.collider->getBroadphaseHandle();
   ActivateOverlapping waker;
   world.broadphase.aabbTest(proxy.m_aabbMin, proxy.m_aabbMax, waker);

@@ -67,7 +67,9 @@ struct SubsteppedWorld : Base, Stepper {
 
   void rayTest(const btVector3 &from, const btVector3 &to,
                btCollisionWorld::RayResultCallback &result) const override {
-    Extension *extension = static_cast<AmbWorld *>(this->getWorldUserInfo())->extension.get();
+    AmbWorld &owner = *static_cast<AmbWorld *>(this->getWorldUserInfo());
+    owner.catch_up_with_bounds();
+    Extension *extension = owner.extension.get();
     if (!extension || !extension->cast_ray(from, to, result)) Base::rayTest(from, to, result);
   }
 
@@ -77,6 +79,20 @@ struct SubsteppedWorld : Base, Stepper {
     if (extension) extension->before_sub_step(h);
     Base::internalSingleStepSimulation(h);
     if (extension) extension->after_sub_step(h);
+  }
+
+  // Where nothing may touch nothing is looked for: AABBs are then brought up to date when somebody needs them. Not where
+  // pairs have another effect: Bullet's islands unite what overlaps, which those of articulated worlds do not, and where the
+  // order of pairs is plain Bullet's it depends on the AABBs of all sub-steps, also for pairs of objects that come later.
+  void performDiscreteCollisionDetection() override {
+    AmbWorld &owner = *static_cast<AmbWorld *>(this->getWorldUserInfo());
+    Broadphase &bounds = owner.broadphase;
+    if (!owner.articulated || bounds.keeps_order) return Base::performDiscreteCollisionDetection();
+    // The first one after a change is made in any case, and contacts that are left go when their objects part.
+    bounds.lags = !bounds.is_unknown && !bounds.may_touch && owner.dispatcher.getNumManifolds() == 0;
+    if (bounds.lags) return;
+    owner.find_what_may_touch();
+    Base::performDiscreteCollisionDetection();
   }
 
   void integrateTransforms(btScalar dt) override {

@@ -73,6 +73,8 @@ AmbWorld::AmbWorld(int solver_kind, int kind, int manifolds, const AmbArena *mem
 }
 
 void AmbWorld::adopt(AmbObject &object, const AmbShape *shape, AmbHandle handle) {
+  // It finds its first pairs when it comes.
+  catch_up_with_bounds();
   if (shape) prepare_for(*shape);
   object.index = next_index++;
   object.handle = handle;
@@ -91,15 +93,43 @@ void AmbWorld::prepare_for(const AmbShape &shape) {
 
 void AmbWorld::ignore_pair(AmbObject &a, btCollisionObject &object_a, AmbObject &b, btCollisionObject &object_b) {
   a.ignore(b, 1);
+  broadphase.is_unknown = true;
   btOverlappingPairCache &pairs = *broadphase.getOverlappingPairCache();
   btBroadphasePair *pair = pairs.findPair(object_a.getBroadphaseHandle(), object_b.getBroadphaseHandle());
   if (pair) pairs.cleanOverlappingPair(*pair, &dispatcher);
+}
+
+void AmbWorld::find_what_may_touch() {
+  if (!broadphase.is_unknown) return;
+  const btCollisionObjectArray &objects = world->getCollisionObjectArray();
+  const auto may_touch = [this](const btCollisionObject &a, const btCollisionObject &b) {
+    auto *first = const_cast<btBroadphaseProxy *>(a.getBroadphaseHandle());
+    auto *second = const_cast<btBroadphaseProxy *>(b.getBroadphaseHandle());
+    return broadphase.pairs.needsBroadphaseCollision(first, second) && !touches_nothing(*b.getCollisionShape()) &&
+           !object_of(&a)->ignores(*object_of(&b));
+  };
+  broadphase.may_touch = false;
+  for (int i = 0; i < objects.size() && !broadphase.may_touch; ++i) {
+    const btCollisionObject &object = *objects[i];
+    // Static objects do not touch each other.
+    if (object.isStaticOrKinematicObject() || touches_nothing(*object.getCollisionShape())) continue;
+    for (int k = 0; k < objects.size() && !broadphase.may_touch; ++k)
+      broadphase.may_touch = k != i && may_touch(object, *objects[k]);
+  }
+  broadphase.is_unknown = false;
+}
+
+void AmbWorld::catch_up_with_bounds() {
+  if (!broadphase.lags) return;
+  broadphase.lags = false;
+  world->updateAabbs();
 }
 
 namespace {
 
 void count_constraint(AmbWorld &world, const AmbConstraint &constraint, int change) {
   if (constraint.disables_collision) {
+    world.broadphase.is_unknown = true;
     AmbObject *a = object_of(&constraint.constraint->getRigidBodyA());
     AmbObject *b = object_of(&constraint.constraint->getRigidBodyB());
     if (a && b) a->ignore(*b, change);
@@ -244,6 +274,7 @@ void rebuild_broadphase(AmbWorld &world) {
     world.broadphase.destroyProxy(proxy, &world.dispatcher);
   }
   world.broadphase.resetPool(&world.dispatcher);
+  world.broadphase.lags = false;
   for (int i = 0; i < objects.size(); ++i) {
     btCollisionObject *object = objects[i];
     btVector3 low, high;

@@ -200,6 +200,7 @@ pub fn run(options: &BatchOptions, warn: impl FnOnce(&str)) -> Result<Summary, B
     let load = begin.elapsed();
 
     let stop = (simulation.has_plugins() || !outputs.is_empty()).then(process::stop_flag);
+    simulation.measure_bullet_time();
     let cpu_before = cpu_seconds();
     let mut cost = Cost::default();
     let mut run = Run {

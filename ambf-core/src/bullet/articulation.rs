@@ -98,6 +98,13 @@ impl World {
         true
     }
 
+    /// Whether sub-steps compute the [reactions](Self::joint_wrench) of joints of articulations, and of constraints on their
+    /// links; else those of earlier sub-steps stay. Nothing else depends on it. Default: `true`.
+    pub fn set_reactions(&mut self, enabled: bool) {
+        // SAFETY: the world is alive and was made with the engine.
+        unsafe { sys::amb_world_set_reactions(self.raw.as_ptr(), enabled.into()) }
+    }
+
     /// Makes the articulation of which a constraint is a joint once more, of what its bodies and constraints are now.
     pub(super) fn articulate_anew(&mut self, joint: ConstraintHandle) {
         let Some(handle) = self.constraints.get(joint).and_then(|joint| joint.articulation) else { return };

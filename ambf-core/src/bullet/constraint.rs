@@ -6,6 +6,23 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::{raw_pose, ArticulationHandle, BodyHandle, ConstraintHandle, World};
 
+/// What is [read](World::observe_constraints) of all constraints, by place.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct JointReadings {
+    /// rad or m.
+    pub positions: Vec<f64>,
+    /// rad/s or m/s.
+    pub rates: Vec<f64>,
+}
+
+impl JointReadings {
+    /// Makes place for those of so many constraints.
+    pub fn make_room(&mut self, count: usize) {
+        self.positions.resize(count, 0.0);
+        self.rates.resize(count, 0.0);
+    }
+}
+
 /// Description of a constraint between bodies A and B.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Constraint {
@@ -389,6 +406,12 @@ impl World {
         &self.constraint_order
     }
 
+    /// Reads the positions that [`read_constraints`](Self::read_constraints) gives.
+    pub fn read_positions(&self, readings: &mut JointReadings) {
+        readings.make_room(self.constraint_list.len());
+        self.read_constraints(&mut readings.positions);
+    }
+
     /// Reads the position of all constraints by place, as many as `out` has place for: angle of a hinge (rad), position
     /// of a slider (m), of a spring on z (m or rad), 0 for others. In the place of a removed constraint `out` stays as
     /// it is.
@@ -403,6 +426,26 @@ impl World {
                 self.readings.as_ptr(),
                 n as i32,
                 out.as_mut_ptr(),
+            );
+        }
+    }
+
+    /// Reads the positions of all constraints from the present poses, as [`read_constraints`](Self::read_constraints) does
+    /// after [`refresh_constraints`](Self::refresh_constraints), and the rates of hinges, rad/s, and of joints of
+    /// articulations; 0 for those of other constraints.
+    pub fn observe_constraints(&mut self, readings: &mut JointReadings) {
+        let _arena = self.enter();
+        let n = self.constraint_list.len();
+        readings.make_room(n);
+        // SAFETY: the lists are of the same length, for which there is room. They hold live constraints, of which hinges and
+        // sliders were made by the engine, and null only; each reading fits the constraint's type.
+        unsafe {
+            sys::amb_constraints_observe(
+                self.constraint_list.as_ptr(),
+                self.readings.as_ptr(),
+                n as i32,
+                readings.positions.as_mut_ptr(),
+                readings.rates.as_mut_ptr(),
             );
         }
     }

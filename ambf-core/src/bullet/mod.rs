@@ -34,7 +34,7 @@ mod world;
 
 pub use accurate::AccurateSettings;
 pub use body::{Apart, BodySurface, PlausibleBounds, RigidBody};
-pub use constraint::{Constraint, ConstraintKind, ConstraintParameter, JointWrench, Spring};
+pub use constraint::{Constraint, ConstraintKind, ConstraintParameter, JointReadings, JointWrench, Spring};
 pub use contact::{Contact, ContactLists};
 pub use drive::{BodyDrive, Resistance, SoftMotor};
 pub use energy::EnergyLedger;

@@ -442,7 +442,9 @@ impl Hub {
 
     /// Physics thread: takes the requested resets.
     pub fn take_resets(&self) -> Resets {
-        Resets { world: self.reset_world.take(), bodies: self.reset_bodies.swap(false, Ordering::AcqRel) }
+        // The usual case costs no exchange.
+        let bodies = self.reset_bodies.load(Ordering::Relaxed) && self.reset_bodies.swap(false, Ordering::AcqRel);
+        Resets { world: self.reset_world.take(), bodies }
     }
 }
 

@@ -12,6 +12,7 @@ use super::joint::{constraint, frames, resistance, Joint, JointCoupling};
 use super::planned::PlannedModel;
 use super::{Found, Identity, ModelInfo, NameMap, Note, ObjectType, Parent, Scene};
 use crate::adf::{self, Severity, SourcePos};
+use crate::bullet::JointReadings;
 use crate::comm::{LightParameters, Rates};
 use crate::ids::{BodyId, Id, JointId, ModelId};
 use crate::mesh::Mesh;
@@ -88,9 +89,8 @@ impl<'a> Builder<'a> {
         self.note_open_couplings();
         let remarks = self.scene.articulate(&self.models, &open);
         self.notes.extend(remarks);
-        let mut buffer = vec![0.0; self.scene.world.constraints().len()];
         self.scene.world.refresh_constraints();
-        self.scene.observe_joints(0.0, &mut buffer);
+        self.scene.observe_joints(0.0, &mut JointReadings::default());
         self.notes
     }
 
@@ -225,6 +225,7 @@ impl<'a> Builder<'a> {
             self.note(Severity::Warning, &joint.common.source, message);
         }
         self.scene.has_feedback |= joint.enable_feedback && handle.is_some();
+        self.scene.has_measured |= measured && handle.is_some();
         let live = Joint::new(joint, key, (parent, child), self.model, ([frame_a, frame_b], axis), handle, measured);
         self.scene.joints.push(live);
     }

@@ -87,7 +87,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::adf::{self, Severity, SourcePos};
-use crate::bullet::{ContactLists, Gyroscopic, Preset, World};
+use crate::bullet::{ContactLists, Gyroscopic, JointReadings, Preset, World};
 use crate::comm::{ActuatorCommand, ObjectInfo, ObjectKind, Rates, RigidBodyInfo, Snapshot, Wrench};
 use crate::control::Profile;
 use crate::ids::{
@@ -207,6 +207,8 @@ pub struct Scene {
     pub kinematic_bodies: bool,
     /// Whether any joint estimates its reactions.
     pub has_feedback: bool,
+    /// Whether the wrench of any joint is measured.
+    pub(crate) has_measured: bool,
     /// What the world was made from: also all that is only drawn (skybox, shaders).
     pub description: Arc<adf::World>,
     /// Plugins that models and objects ask for, in the order in which they are loaded; those of the world are in its
@@ -262,6 +264,7 @@ impl Scene {
             gyroscopic: Gyroscopic::default(),
             kinematic_bodies: false,
             has_feedback: false,
+            has_measured: false,
             description,
             plugins: Vec::new(),
             options: options.clone(),
@@ -307,6 +310,7 @@ impl Scene {
             redundant_loops: _,
             changes: _,
             has_feedback: _,
+            has_measured: _,
             // These are chosen when the scene is loaded.
             namespace: _,
             world_rates: _,
@@ -468,19 +472,18 @@ impl Scene {
         }
     }
 
-    /// Reads all joint positions from Bullet; `dt` is the interval before, s.
-    pub(crate) fn observe_joints(&mut self, dt: f64, buffer: &mut [f64]) {
-        if self.profile == Profile::Accurate {
-            self.world.refresh_constraints();
+    /// Reads all joint positions from Bullet; `dt` is the interval before, s. `readings` is room for what is read.
+    pub(crate) fn observe_joints(&mut self, dt: f64, readings: &mut JointReadings) {
+        let is_accurate = self.profile == Profile::Accurate;
+        match is_accurate {
+            true => self.world.observe_constraints(readings),
+            false => self.world.read_positions(readings),
         }
-        self.world.read_constraints(buffer);
         for joint in &mut self.joints {
             // Joints of unknown type have no constraint: their position stays 0.
             if let Some(place) = joint.place {
-                let is_known = self.profile == Profile::Accurate && joint.joint_type == JointType::Revolute;
-                let handle = joint.handle.filter(|_| is_known);
-                let rate = handle.and_then(|handle| self.world.coordinate(handle)).map(|(_, rate)| rate);
-                joint.observe(buffer[place], dt, rate);
+                let has_rate = is_accurate && joint.joint_type == JointType::Revolute;
+                joint.observe(readings.positions[place], dt, has_rate.then(|| readings.rates[place]));
             }
         }
     }
@@ -501,8 +504,8 @@ impl Scene {
     }
 
     /// All objects back to the start, or only bodies and what belongs to them, with nothing left of what was before.
-    /// `buffer` is that of [`observe_joints`](Self::observe_joints).
-    pub(crate) fn reset(&mut self, bodies_only: bool, buffer: &mut [f64]) {
+    /// `readings` is room as for [`observe_joints`](Self::observe_joints).
+    pub(crate) fn reset(&mut self, bodies_only: bool, readings: &mut JointReadings) {
         if !bodies_only {
             self.world.begin_restart();
         }
@@ -527,7 +530,7 @@ impl Scene {
         }
         self.joints.iter_mut().for_each(Joint::reset);
         self.world.refresh_constraints();
-        self.observe_joints(0.0, buffer);
+        self.observe_joints(0.0, readings);
     }
 
     /// Cameras back to where they were, with the targets of the beginning.

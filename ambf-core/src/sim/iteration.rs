@@ -68,6 +68,19 @@ impl Simulation {
         Ok(())
     }
 
+    /// [`advance`](Self::advance) to a state that is neither published nor saved: reactions of joints are not computed unless
+    /// plugins, a recording or windows see them.
+    ///
+    /// # Errors
+    /// Those of [`advance`](Self::advance).
+    pub(super) fn advance_unseen(&mut self, interval: f64) -> Result<(), LostState> {
+        let is_watched = self.has_plugins() || self.physics.recorder.is_some() || self.is_listened_to();
+        self.physics.skips_reactions = !is_watched;
+        let outcome = self.advance(interval);
+        self.physics.skips_reactions = false;
+        outcome
+    }
+
     /// Second half of an iteration. `publish` shows the present state to whom it concerns.
     ///
     /// # Errors

@@ -217,9 +217,14 @@ impl Simulation {
         self.physics.time.lost_time
     }
 
-    /// Time spent inside Bullet's step.
+    /// Measures from now on how much [time](Self::bullet_time) is spent inside Bullet's step. Default: it is not measured.
+    pub fn measure_bullet_time(&mut self) {
+        self.physics.bullet_time.get_or_insert_default();
+    }
+
+    /// Time spent inside Bullet's step since it is [measured](Self::measure_bullet_time).
     pub fn bullet_time(&self) -> Duration {
-        self.physics.bullet_time
+        self.physics.bullet_time.unwrap_or_default()
     }
 
     /// Takes what the solver did since this was called the last time; see

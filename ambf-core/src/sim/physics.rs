@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use super::session::{Entry, Recorder, SinceStart, HASH_INTERVAL};
 use super::targets::ActiveTargets;
 use crate::adf::VolumeTool;
-use crate::bullet::PlausibleBounds;
+use crate::bullet::{JointReadings, PlausibleBounds};
 use crate::comm::{CartesianCommandType, JointCommandType, RigidBodyCommand, Snapshot, Timing, Wrench};
 use crate::control::Profile;
 use crate::ids::{BodyId, JointId, Table, VolumeId};
@@ -50,16 +50,20 @@ pub(super) struct Physics {
     pub time: Time,
     /// As it was before the latest update.
     pub time_before: Time,
-    pub bullet_time: Duration,
+    /// Time spent inside Bullet's step; `None`: it is not measured.
+    pub bullet_time: Option<Duration>,
     /// When the latest update was; taken where somebody listens.
     pub stamp: Option<SystemTime>,
     /// Snapshots are stamped with simulated time since 1970 instead.
     pub has_simulated_stamps: bool,
-    pub joint_buffer: Vec<f64>,
+    /// Room for what is read of joints in an update.
+    pub joint_readings: JointReadings,
     pub wrenches: Table<BodyId, Wrench>,
     pub targets: ActiveTargets,
     pub recorder: Option<Box<Recorder>>,
     pub since_start: SinceStart,
+    /// Nobody looks at the reactions of joints after this update: those of an earlier one stay.
+    pub skips_reactions: bool,
 }
 
 impl Physics {
@@ -74,14 +78,15 @@ impl Physics {
             bounds,
             time: Time::default(),
             time_before: Time::default(),
-            bullet_time: Duration::ZERO,
+            bullet_time: None,
             stamp: None,
             has_simulated_stamps: false,
-            joint_buffer: Vec::new(),
+            joint_readings: JointReadings::default(),
             wrenches: Table::default(),
             targets: ActiveTargets::default(),
             recorder: None,
             since_start: SinceStart::default(),
+            skips_reactions: false,
             scene,
         };
         physics.grow();
@@ -93,7 +98,7 @@ impl Physics {
     /// Makes place for what the scene has now.
     pub fn grow(&mut self) {
         self.targets.follow_scene(&self.scene);
-        self.joint_buffer.resize(self.scene.world.constraints().len(), 0.0);
+        self.joint_readings.make_room(self.scene.world.constraints().len());
         if self.scene.has_feedback {
             self.wrenches.grow(self.scene.bodies.len(), Wrench::default());
         }
@@ -129,9 +134,12 @@ impl Physics {
     /// Steps the world by the interval of this update.
     pub fn step(&mut self) {
         let cap = self.scene.max_sub_steps;
-        let begin = Instant::now();
+        if self.scene.has_measured {
+            self.scene.world.set_reactions(!self.skips_reactions);
+        }
+        let begin = self.bullet_time.map(|before| (before, Instant::now()));
         self.time.due = self.targets.step(&mut self.scene, self.time.interval, cap, self.sub_step);
-        self.bullet_time += begin.elapsed();
+        self.bullet_time = begin.map(|(before, begin)| before + begin.elapsed());
         self.time.lost_time += f64::from(self.time.due.saturating_sub(cap)) * self.sub_step;
         self.time.pass(self.time.interval);
     }
@@ -147,12 +155,14 @@ impl Physics {
 
     /// Brings what follows from a step up to date: joints, efforts, wrenches, then ghost objects, sensors, vehicles.
     pub fn observe(&mut self) {
-        self.scene.observe_joints(self.time.dt, &mut self.joint_buffer);
-        if self.scene.has_feedback {
+        self.scene.observe_joints(self.time.dt, &mut self.joint_readings);
+        if self.scene.has_feedback && !self.skips_reactions {
             self.estimate_efforts();
         }
-        let Scene { joints, bodies, world, .. } = &mut self.scene;
-        joints.iter_mut().filter(|joint| joint.is_measured).for_each(|joint| joint.measure(world, bodies));
+        if self.scene.has_measured && !self.skips_reactions {
+            let Scene { joints, bodies, world, .. } = &mut self.scene;
+            joints.iter_mut().filter(|joint| joint.is_measured).for_each(|joint| joint.measure(world, bodies));
+        }
         self.scene.update_elements(self.sub_step, self.time.interval.max(self.sub_step));
     }
 
@@ -288,14 +298,14 @@ impl Physics {
     /// Returns rigid bodies, with what is on them, to their initial poses at rest. Commands stay in force.
     pub fn reset_bodies(&mut self) {
         self.targets.forget_jumps();
-        self.scene.reset(true, &mut self.joint_buffer);
+        self.scene.reset(true, &mut self.joint_readings);
     }
 
     /// Returns everything to the start; nothing is left of what was before. The clocks go on.
     pub fn reset(&mut self) {
         self.scene.end_commands();
         self.targets.clear();
-        self.scene.reset(false, &mut self.joint_buffer);
+        self.scene.reset(false, &mut self.joint_readings);
         self.wrenches.as_mut_slice().fill(Wrench::default());
         // No update was before the next one.
         let Time { sim_time, iteration, lost_time, .. } = self.time;

@@ -159,6 +159,9 @@ impl Simulation {
 
     /// Calls plugins after an [`update`](Self::update) that made a step, in the order of the C++ program.
     pub(super) fn update_plugins(&mut self, phase: Phase) {
+        if self.plugins.is_none() {
+            return;
+        }
         let (dt, tools) = (self.physics.time.interval, self.physics.scene.tool_count());
         self.with_plugins(|plugins, access| {
             plugins.update(access, phase, dt);
@@ -264,7 +267,10 @@ impl Simulation {
         let Some(plugins) = &self.plugins else { return Resets::default() };
         let requests = &plugins.shared.requests;
         let world = requests.reset_world.take();
-        Resets { world, bodies: requests.reset_bodies.swap(false, Ordering::AcqRel) }
+        // The usual case costs no exchange.
+        let bodies =
+            requests.reset_bodies.load(Ordering::Relaxed) && requests.reset_bodies.swap(false, Ordering::AcqRel);
+        Resets { world, bodies }
     }
 
     /// Takes what plugins asked of the loop: pause or resume, manual steps.

@@ -226,7 +226,9 @@ struct PhysicsLoop {
 }
 
 impl PhysicsLoop {
-    fn new(simulation: Simulation, options: RunnerOptions, control: Arc<Control>, events: Sender<Event>) -> Self {
+    fn new(mut simulation: Simulation, options: RunnerOptions, control: Arc<Control>, events: Sender<Event>) -> Self {
+        // It tells which part of the cost of an iteration further sub-steps have.
+        simulation.measure_bullet_time();
         let backlog =
             Backlog::new(1.0 / options.frequency, simulation.physics.sub_step, simulation.physics.scene.max_sub_steps);
         Self {

@@ -90,12 +90,14 @@ impl Simulation {
             // How clients want it.
             has_simulated_stamps: _,
             // Read anew in each update.
-            joint_buffer: _,
+            joint_readings: _,
             wrenches,
             targets,
             recorder,
             // Recordings begin at the start or after a reset, not at a saved state.
             since_start: _,
+            // Set for each update.
+            skips_reactions: _,
         } = physics;
         Ok(SavedState {
             scene: scene.save()?,

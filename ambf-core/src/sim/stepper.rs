@@ -194,21 +194,20 @@ impl Stepper {
         self.step_while(steps, || true).map(|_| ())
     }
 
-    /// Makes `steps` iterations, or fewer if `go_on`, which is asked in each of them, says that it is the last; how
+    /// Makes `steps` iterations, or fewer if `go_on`, which is asked in each of them, says that the next one is the last; how
     /// many were made.
     ///
     /// # Errors
     /// Those of [`step`](Self::step).
     pub fn step_while(&mut self, steps: u32, mut go_on: impl FnMut() -> bool) -> Result<u32, LostState> {
+        let mut last = steps;
         for made in 1..=steps {
             self.serve_window();
             if let Some(problem) = &self.lost {
                 return Err(problem.clone());
             }
-            let mut is_last = false;
             let outcome = self.simulation.exchange(|simulation| {
-                is_last = made == steps || !go_on();
-                if is_last {
+                if made == last {
                     self.published.publish(simulation);
                 }
             });
@@ -219,8 +218,16 @@ impl Stepper {
             self.hear();
             // Plugins may ask for resets.
             self.simulation.do_requested_resets();
-            self.lost = self.simulation.advance(self.interval).err();
-            if is_last {
+            if made + 1 < last && !go_on() {
+                last = made + 1;
+            }
+            // The last iteration publishes what the one before leaves, and leaves what the next call publishes or saves.
+            let outcome = match made + 1 < last {
+                true => self.simulation.advance_unseen(self.interval),
+                false => self.simulation.advance(self.interval),
+            };
+            self.lost = outcome.err();
+            if made == last {
                 return Ok(made);
             }
         }
@@ -388,6 +395,9 @@ mod tests {
     use std::time::{Duration, Instant};
 
     use super::*;
+    use crate::comm::Wrench;
+    use crate::control::Profile;
+    use crate::ids::{BodyId, Table};
     use crate::scene::{load, SceneFiles, SceneOptions};
     use crate::sim::WindowRequest;
 
@@ -398,6 +408,70 @@ mod tests {
             models: vec![resources.join("models/pendulum.yaml")],
         };
         Stepper::new(Simulation::new(load(&files, &SceneOptions::default()).scene, 0.001), 0.001)
+    }
+
+    /// An arm in the accurate profile of whose joints all wrenches are measured.
+    fn measured_arm() -> Stepper {
+        let resources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../resources");
+        let files = SceneFiles {
+            world: Some(resources.join("world/world.yaml")),
+            models: vec![resources.join("models/arm7.yaml")],
+        };
+        let default_profile = Some(Profile::Accurate);
+        let options = SceneOptions { default_profile, joint_wrenches: true, ..SceneOptions::default() };
+        Stepper::new(Simulation::new(load(&files, &options).scene, 0.001), 0.001)
+    }
+
+    /// The reactions of joints in the scene itself, which nobody has published.
+    fn reactions(stepper: &Stepper) -> (Vec<Wrench>, Vec<f64>, Table<BodyId, Wrench>) {
+        let joints = &stepper.simulation.scene().joints;
+        let wrenches = joints.iter().map(|joint| joint.wrench).collect();
+        (wrenches, joints.iter().map(|joint| joint.effort).collect(), stepper.simulation.wrenches().clone())
+    }
+
+    #[test]
+    fn reactions_are_those_of_steps_one_by_one() {
+        let (mut together, mut one_by_one) = (measured_arm(), measured_arm());
+        for steps in [1, 2, 9, 3, 1] {
+            together.step(steps).expect("sound");
+            (0..steps).for_each(|_| one_by_one.step(1).expect("sound"));
+            let [a, b] = [together.snapshot(), one_by_one.snapshot()];
+            assert!(a.joint_wrenches.iter().any(|wrench| wrench.force.norm() > 1.0), "they carry something");
+            assert_eq!(
+                (&a.joint_wrenches, &a.joint_efforts, &a.wrenches),
+                (&b.joint_wrenches, &b.joint_efforts, &b.wrenches)
+            );
+            assert_eq!(reactions(&together), reactions(&one_by_one), "what rests is what the next call may publish");
+        }
+    }
+
+    #[test]
+    fn reactions_that_nobody_sees_are_not_computed() {
+        let mut stepper = measured_arm();
+        let before = reactions(&stepper);
+        stepper.simulation.advance_unseen(0.001).expect("sound");
+        assert_eq!(reactions(&stepper), before);
+        stepper.simulation.advance(0.001).expect("sound");
+        let seen = reactions(&stepper);
+        assert_ne!(seen, before);
+        stepper.window();
+        stepper.simulation.advance_unseen(0.001).expect("sound");
+        assert_ne!(reactions(&stepper), seen, "a window sees them");
+    }
+
+    #[test]
+    fn whoever_stops_in_between_sees_the_reactions_too() {
+        let (mut stopped, mut one_by_one) = (measured_arm(), measured_arm());
+        let mut asked = 0;
+        let made = stopped.step_while(20, || {
+            asked += 1;
+            asked < 5
+        });
+        let made = made.expect("sound");
+        assert!(made < 20, "{made}");
+        (0..made).for_each(|_| one_by_one.step(1).expect("sound"));
+        assert_eq!(stopped.snapshot().joint_wrenches, one_by_one.snapshot().joint_wrenches);
+        assert_eq!(reactions(&stopped), reactions(&one_by_one));
     }
 
     #[test]

@@ -162,6 +162,7 @@ impl Working {
         let mut simulation = Simulation::new(loaded.scene, DEFAULT_SUB_STEP);
         let rays: usize = simulation.scene().sensors.iter().map(|sensor| sensor.rays.len()).sum();
         println!("{:e} {} {rays}", begin.elapsed().as_secs_f64(), simulation.scene().bodies.len());
+        simulation.measure_bullet_time();
         for _ in 0..WARM_UP {
             step(&mut simulation);
         }

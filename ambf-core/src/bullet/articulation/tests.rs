@@ -2,11 +2,12 @@ use nalgebra::{DMatrix, DVector, Isometry3, Vector3};
 
 use super::*;
 use crate::bullet::{
-    BodyDrive, Constraint, PlausibleBounds, Ray, RayTarget, RigidBody, Shape, SoftMotor, Solver, Spring,
+    BodyDrive, Constraint, JointReadings, PlausibleBounds, Ray, RayTarget, RigidBody, Shape, SoftMotor, Solver, Spring,
 };
 
 mod external_constraints;
 mod several_freedoms;
+mod what_may_touch;
 
 const GRAVITY: f64 = 9.81;
 /// Moment of inertia of a rod of 1 kg and 1 m about an axis across it, kg·m².
@@ -301,6 +302,36 @@ fn slider(limits: Option<[f64; 2]>) -> Constraint {
     slider.frame_a.rotation = turn;
     slider.frame_b.rotation = turn;
     slider
+}
+
+/// Once Bullet's slider was asked for the position of the sub-step before, and each rate by a call of its own.
+#[test]
+fn positions_and_rates_are_read_at_once() {
+    let kinds = [
+        hinge(ConstraintKind::Hinge { limits: Some([3.0, 9.0]) }, 0.0, -0.5),
+        slider(None),
+        hinge(ConstraintKind::Fixed, 0.0, -0.5),
+    ];
+    for (kind, articulated) in kinds.iter().flat_map(|kind| [(kind, true), (kind, false)]) {
+        let (mut world, _, joint) = pendulum(kind.clone(), articulated);
+        run(&mut world, 300);
+        let mut readings = JointReadings::default();
+        world.observe_constraints(&mut readings);
+        let known = world.coordinate(joint);
+        assert_eq!(readings.positions, [known.map_or(0.0, |(position, _)| position)], "{kind:?} {articulated}");
+        let has_rate = articulated || matches!(kind.kind, ConstraintKind::Hinge { .. });
+        assert_eq!(
+            readings.rates,
+            [known.filter(|_| has_rate).map_or(0.0, |(_, rate)| rate)],
+            "{kind:?} {articulated}"
+        );
+        assert!(known.is_none_or(|(position, rate)| position != 0.0 && rate != 0.0), "it moves");
+        // In the place of what is gone nothing is written.
+        readings.positions[0] = 7.0;
+        assert!(world.remove_constraint(joint));
+        world.observe_constraints(&mut readings);
+        assert_eq!(readings.positions, [7.0]);
+    }
 }
 
 fn position(world: &World) -> f64 {
