@@ -18,11 +18,13 @@ and 90 of the rounds of each lane.
 from __future__ import annotations
 
 import argparse
+import atexit
 import json
 import math
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any, Callable
@@ -30,7 +32,7 @@ from typing import Any, Callable
 import ambf
 import numpy as np
 from ambf_gym import InProcessVectorEnv, Worlds
-from ambf_gym.scene import resources
+from ambf_gym.scene import Scene, resources
 from ambf_gym.tasks import reach
 
 STEPS = (1, 10)
@@ -119,9 +121,17 @@ def of_peers(peers: list[Peer], *words: int) -> Lane:
     return run
 
 
+def same_arm() -> Scene:
+    """The scene of the reach task with the arm that the others have, under the names that the task knows."""
+    path = Path(tempfile.gettempdir()) / f"arm7-{os.getpid()}.urdf"
+    path.write_text((resources() / MODEL).read_text().replace('<robot name="hanging_arm">', '<robot name="arm7">'))
+    atexit.register(path.unlink, missing_ok=True)
+    return Scene((str(path),), options=reach.SCENE.options)
+
+
 def environments(worlds: int, integrator: str) -> tuple[Lane, Callable[[], None]]:
     """Steps of the reach task with random actions, resets among them."""
-    env = InProcessVectorEnv(reach.SCENE, reach.TASK, worlds, integrator=integrator)
+    env = InProcessVectorEnv(same_arm(), reach.TASK, worlds, integrator=integrator)
     env.reset(seed=0)
     env.action_space.seed(0)
 
@@ -137,7 +147,7 @@ def environments(worlds: int, integrator: str) -> tuple[Lane, Callable[[], None]
 
 def batch(worlds: int, integrator: str) -> tuple[Lane, Callable[[], None]]:
     """The same in one `ambf.Batch`."""
-    env = Worlds(reach.SCENE, reach.TASK, worlds, integrator=integrator)
+    env = Worlds(same_arm(), reach.TASK, worlds, integrator=integrator)
     env.reset(seeds=range(worlds))
     rng = np.random.default_rng(0)
     low, high = env.action_space.low, env.action_space.high

@@ -119,7 +119,7 @@ impl Beside {
         }
         // SAFETY: as above.
         let [springs, others] = unsafe { [a.springs(), b.springs()] };
-        let kind = |spring: &Spring<f64>| (spring.coordinate, spring.is_angle, spring.is_stiff);
+        let kind = |spring: &Spring<f64>| (spring.coordinate, spring.is_angle);
         if !springs.iter().map(kind).eq(others.iter().map(kind)) {
             return false;
         }
@@ -254,15 +254,17 @@ impl Beside {
         self.springs.clear();
         for (i, spring) in first.springs.iter().enumerate() {
             let each = |read: fn(&Spring<f64>) -> f64| number(of, |lane| read(&lane.springs[i]));
+            // What is too stiff in a world has no force there.
+            let active = |spring: &Spring<f64>, number: f64| if spring.is_stiff { 0.0 } else { number };
             self.springs.push(Spring {
                 coordinate: spring.coordinate,
                 is_angle: spring.is_angle,
                 sign: each(|spring| spring.sign),
                 offset: each(|spring| spring.offset),
-                stiffness: each(|spring| spring.stiffness),
-                damping: each(|spring| spring.damping),
+                stiffness: number(of, |lane| active(&lane.springs[i], lane.springs[i].stiffness)),
+                damping: number(of, |lane| active(&lane.springs[i], lane.springs[i].damping)),
                 rest: each(|spring| spring.rest),
-                is_stiff: spring.is_stiff,
+                is_stiff: false,
                 resists_corrections: spring.resists_corrections,
                 settles_in_a_step: spring.settles_in_a_step,
             });

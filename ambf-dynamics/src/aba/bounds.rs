@@ -44,14 +44,14 @@ impl Motion<'_, '_, f64> {
 
     /// Brings the rate of a coordinate to ± `most` by an impulse between the two bodies of its joint.
     fn stop_at(&mut self, coordinate: usize, most: f64, rate: &mut Rate<'_, f64>) {
-        let by_unit = self.equations.response(coordinate);
+        let by_unit = self.equations.coupled.response(coordinate);
         if by_unit > 0.0 {
             let q = rate.q[coordinate];
             let impulse = (if q > 0.0 { most } else { -most } - q) / by_unit;
             let row = take(&mut self.equations.coupled.impulse);
             row.iter_mut().for_each(|part| *part *= impulse);
             let change = &mut self.part_rate;
-            self.equations.rates_of(row, change);
+            self.equations.coupled.rates_of(row, change);
             rate.angular += change.angular;
             rate.linear += change.linear;
             for (q, change) in rate.q.iter_mut().zip(&*change.q) {
@@ -89,7 +89,7 @@ impl Motion<'_, '_, f64> {
                     let (coordinate, change) = (link.coordinate() + k, Tree::joint_speed(link, slope));
                     if change > most {
                         equations.factor_inertia();
-                        let by_unit = equations.response(coordinate);
+                        let by_unit = equations.coupled.response(coordinate);
                         if by_unit > 0.0 {
                             equations.forces[coordinate] -= slope.q[coordinate] * (1.0 - most / change) / by_unit;
                             equations.accelerate(from, rest, slope, true);

@@ -31,6 +31,7 @@ impl From<(i32, f64)> for CoupledCoordinate {
 /// The equations, a follower after its leaders, and L.
 #[derive(Default)]
 pub struct Coupled<'a> {
+    pub has_fixed_base: bool,
     /// Of all equations; `ends` has the first that is no more part of each.
     pub terms: &'a [CoupledCoordinate],
     pub ends: &'a [i32],
@@ -59,6 +60,15 @@ impl Coupled<'_> {
         self.ends.is_empty()
     }
 
+    /// The first component of v that is not 0.
+    fn first(&self) -> usize {
+        if self.has_fixed_base {
+            6
+        } else {
+            0
+        }
+    }
+
     fn rows(&self) -> impl Iterator<Item = &[f64]> {
         let n = self.parents.len();
         self.rows[..self.row_count * n].chunks_exact(n.max(1))
@@ -79,9 +89,9 @@ impl Coupled<'_> {
         }
     }
 
-    fn normalise_uncoupled(&self, row: &mut [f64], has_fixed_base: bool) {
+    fn normalise_uncoupled(&self, row: &mut [f64]) {
         let n = self.parents.len();
-        for k in (if has_fixed_base { 6 } else { 0 }..n).rev() {
+        for k in (self.first()..n).rev() {
             if row[k] == 0.0 {
                 continue;
             }
@@ -96,7 +106,7 @@ impl Coupled<'_> {
 
     /// Finds the rows of the couplings for z, made orthonormal by Gram and Schmidt's method. The rows of those whose joints nothing can
     /// move are left out.
-    fn find_space(&mut self, has_fixed_base: bool) {
+    fn find_space(&mut self) {
         let n = self.parents.len();
         self.row_count = 0;
         let row = take(&mut self.velocity);
@@ -105,7 +115,7 @@ impl Coupled<'_> {
             for term in self.equation(index) {
                 row[6 + term.coordinate as usize] += term.factor;
             }
-            self.normalise_uncoupled(row, has_fixed_base);
+            self.normalise_uncoupled(row);
             let before = dot(row, row).sqrt();
             // The second time removes what rounding left of the first.
             self.remove_uncoupled(row);
@@ -121,9 +131,9 @@ impl Coupled<'_> {
     }
 
     /// Transforms a row J of the Jacobian of v into J L⁻¹, the row for z. It is also the response of z to a unit impulse of the row.
-    pub fn normalise(&self, row: &mut [f64], has_fixed_base: bool) {
+    pub fn normalise(&self, row: &mut [f64]) {
         // What is left is rounding where the couplings hold what the row would move.
-        self.normalise_uncoupled(row, has_fixed_base);
+        self.normalise_uncoupled(row);
         if self.row_count == 0 {
             return;
         }
@@ -131,6 +141,57 @@ impl Coupled<'_> {
         self.remove_uncoupled(row);
         if dot(row, row) <= ROUNDING * ROUNDING * before {
             row.fill(0.0);
+        }
+    }
+
+    /// Acceleration of a coordinate by a unit force on it: the diagonal of the inverse inertia. The base and all other coordinates are free
+    /// to move: a light parent of a heavy link moves instead of the link.
+    pub fn response(&mut self, coordinate: usize) -> f64 {
+        let row = take(&mut self.impulse);
+        row.fill(0.0);
+        row[6 + coordinate] = 1.0;
+        self.normalise(row);
+        let sum = dot(row, row);
+        self.impulse = row;
+        sum
+    }
+
+    /// v of z.
+    pub fn rates_of(&self, z: &[f64], rate: &mut Rate<'_, f64>) {
+        let n = z.len();
+        let mut base = [0.0; 6];
+        for k in self.first()..n {
+            let mut sum = z[k];
+            let mut j = self.parents[k];
+            while let Ok(parent) = usize::try_from(j) {
+                let of_parent = if parent < 6 { base[parent] } else { rate.q[parent - 6] };
+                sum -= self.factor[k * n + parent] * of_parent;
+                j = self.parents[parent];
+            }
+            let found = sum * self.inverse_diagonal[k];
+            if k < 6 {
+                base[k] = found;
+            } else {
+                rate.q[k - 6] = found;
+            }
+        }
+        rate.angular = Vector::new(base[0], base[1], base[2]);
+        rate.linear = Vector::new(base[3], base[4], base[5]);
+    }
+
+    /// z of v.
+    pub fn coordinates_of(&self, rate: &Rate<'_, f64>, z: &mut [f64]) {
+        let n = z.len();
+        for (k, z) in z.iter_mut().enumerate() {
+            *z = 0.0;
+            if k < self.first() {
+                continue;
+            }
+            let mut j = k as i32;
+            while let Ok(at) = usize::try_from(j) {
+                *z += self.factor[k * n + at] * component(rate, at);
+                j = self.parents[at];
+            }
         }
     }
 }
@@ -150,58 +211,7 @@ impl Equations<'_, '_, f64> {
     pub fn factor_inertia(&mut self) {
         self.tree.factor(self.coupled.factor, self.coupled.inverse_diagonal);
         if !self.coupled.is_empty() {
-            self.coupled.find_space(self.tree.has_fixed_base);
-        }
-    }
-
-    /// Acceleration of a coordinate by a unit force on it: the diagonal of the inverse inertia. The base and all other coordinates are free
-    /// to move: a light parent of a heavy link moves instead of the link.
-    pub fn response(&mut self, coordinate: usize) -> f64 {
-        let row = take(&mut self.coupled.impulse);
-        row.fill(0.0);
-        row[6 + coordinate] = 1.0;
-        self.coupled.normalise(row, self.tree.has_fixed_base);
-        let sum = dot(row, row);
-        self.coupled.impulse = row;
-        sum
-    }
-
-    /// v of z.
-    pub fn rates_of(&self, z: &[f64], rate: &mut Rate<'_, f64>) {
-        let (n, coupled) = (z.len(), &self.coupled);
-        let mut base = [0.0; 6];
-        for k in if self.tree.has_fixed_base { 6 } else { 0 }..n {
-            let mut sum = z[k];
-            let mut j = coupled.parents[k];
-            while let Ok(parent) = usize::try_from(j) {
-                let of_parent = if parent < 6 { base[parent] } else { rate.q[parent - 6] };
-                sum -= coupled.factor[k * n + parent] * of_parent;
-                j = coupled.parents[parent];
-            }
-            let found = sum * coupled.inverse_diagonal[k];
-            if k < 6 {
-                base[k] = found;
-            } else {
-                rate.q[k - 6] = found;
-            }
-        }
-        rate.angular = Vector::new(base[0], base[1], base[2]);
-        rate.linear = Vector::new(base[3], base[4], base[5]);
-    }
-
-    /// z of v.
-    pub fn coordinates_of(&self, rate: &Rate<'_, f64>, z: &mut [f64]) {
-        let (n, coupled) = (z.len(), &self.coupled);
-        for (k, z) in z.iter_mut().enumerate() {
-            *z = 0.0;
-            if self.tree.has_fixed_base && k < 6 {
-                continue;
-            }
-            let mut j = k as i32;
-            while let Ok(at) = usize::try_from(j) {
-                *z += coupled.factor[k * n + at] * component(rate, at);
-                j = coupled.parents[at];
-            }
+            self.coupled.find_space();
         }
     }
 
@@ -210,9 +220,9 @@ impl Equations<'_, '_, f64> {
     pub(super) fn couple(&mut self, rate: &mut Rate<'_, f64>) {
         self.factor_inertia();
         let z = take(&mut self.coupled.velocity);
-        self.coordinates_of(rate, z);
+        self.coupled.coordinates_of(rate, z);
         self.coupled.remove_uncoupled(z);
-        self.rates_of(z, rate);
+        self.coupled.rates_of(z, rate);
         self.coupled.velocity = z;
         // But for rounding errors they are so already.
         for index in 0..self.coupled.ends.len() {

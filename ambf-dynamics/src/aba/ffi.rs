@@ -190,13 +190,13 @@ pub struct AmbAbaTable {
         unsafe extern "C" fn(tree: *const AmbAbaTree, at: *const AmbAbaPosition, h: f64, rate: *const AmbAbaRates),
     /// `Equations::factor_inertia`.
     pub factor: unsafe extern "C" fn(tree: *const AmbAbaTree),
-    /// `Equations::response`.
+    /// `Coupled::response`.
     pub response: unsafe extern "C" fn(tree: *const AmbAbaTree, coordinate: c_int) -> f64,
     /// `Coupled::normalise`.
     pub normalise: unsafe extern "C" fn(tree: *const AmbAbaTree, row: *mut f64),
-    /// `Equations::rates_of`.
+    /// `Coupled::rates_of`.
     pub rates_of: unsafe extern "C" fn(tree: *const AmbAbaTree, z: *const f64, rate: *const AmbAbaRates),
-    /// `Equations::coordinates_of`.
+    /// `Coupled::coordinates_of`.
     pub coordinates_of: unsafe extern "C" fn(tree: *const AmbAbaTree, rate: *const AmbAbaRates, z: *mut f64),
     /// `Tree::add_jacobian`.
     pub add_jacobian: unsafe extern "C" fn(
@@ -389,6 +389,7 @@ impl AmbAbaTree {
             let ends = part(self.coupling_ends, couplings);
             let [velocity, impulse] = [0, n].map(|first| part_mut(self.rows.add(first), n));
             Coupled {
+                has_fixed_base: self.has_fixed_base != 0,
                 terms: part(self.coupled, ends.last().map_or(0, |end| *end as usize)),
                 ends,
                 parents: part(self.parents, n),
@@ -670,14 +671,14 @@ unsafe extern "C" fn factor(tree: *const AmbAbaTree) {
 
 unsafe extern "C" fn response(tree: *const AmbAbaTree, coordinate: c_int) -> f64 {
     // SAFETY: by the contract of the table.
-    unsafe { (*tree).with_motion(|motion| motion.equations.response(coordinate as usize)) }
+    unsafe { (*tree).coupled().response(coordinate as usize) }
 }
 
 unsafe extern "C" fn normalise(tree: *const AmbAbaTree, row: *mut f64) {
     // SAFETY: by the contract of the table.
     unsafe {
         let row = part_mut(row, (*tree).count() + 6);
-        (*tree).coupled().normalise(row, (*tree).has_fixed_base != 0);
+        (*tree).coupled().normalise(row);
     }
 }
 
@@ -685,7 +686,7 @@ unsafe extern "C" fn rates_of(tree: *const AmbAbaTree, z: *const f64, rate: *con
     // SAFETY: by the contract of the table.
     unsafe {
         let z = part(z, (*tree).count() + 6);
-        with_rate(tree, rate, |rate| (*tree).with_motion(|motion| motion.equations.rates_of(z, rate)));
+        with_rate(tree, rate, |rate| (*tree).coupled().rates_of(z, rate));
     }
 }
 
@@ -693,7 +694,7 @@ unsafe extern "C" fn coordinates_of(tree: *const AmbAbaTree, rate: *const AmbAba
     // SAFETY: by the contract of the table.
     unsafe {
         let (rate, z) = ((*rate).rate(&*tree), part_mut(z, (*tree).count() + 6));
-        (*tree).with_motion(|motion| motion.equations.coordinates_of(&rate, z));
+        (*tree).coupled().coordinates_of(&rate, z);
     }
 }
 
