@@ -14,7 +14,7 @@ use super::{motion, together, Body, Driven, Link, Position, Rate, Tree, Work};
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct AmbAbaState {
-    /// Of the latest step: see [`Start`].
+    /// Of the latest step.
     pub start: Start<f64>,
     /// Velocity of the base at its beginning.
     pub start_angular: Vector<f64>,

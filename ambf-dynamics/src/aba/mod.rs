@@ -5,7 +5,7 @@
 //! a joint are treated like sliders and hinges between bodies without mass at the same place, the first of which is the nearest to
 //! the base. SI units.
 //!
-//! [`Motion`](motion::Motion) integrates the accelerations over a sub-step. All is generic over the [`Scalar`]: the same source moves one
+//! `Motion` integrates the accelerations over a sub-step. All is generic over the [`Scalar`]: the same source moves one
 //! world, and [four](together) side by side. Who calls it is `cpp/articulation_dynamics.cpp`, through [`ffi`]; the memory is the
 //! caller's, which saves it with the state of the world.
 

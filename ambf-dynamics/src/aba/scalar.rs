@@ -47,7 +47,7 @@ pub trait Scalar:
     fn wrapped(self) -> Self;
     /// `Equations::couple`; there is nothing to do for worlds side by side, which have no couplings.
     fn couple(equations: &mut Equations<'_, '_, Self>, rate: &mut Rate<'_, Self>);
-    /// [`Tree::find_accelerations`], as a function of its own.
+    /// `Tree::find_accelerations`, as a function of its own.
     fn find_accelerations(
         tree: &mut Tree<'_, Self>,
         at: Option<&Position<'_, Self>>,
