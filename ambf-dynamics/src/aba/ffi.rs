@@ -76,7 +76,7 @@ pub struct AmbAbaTree {
     pub spring: *const Spring<f64>,
     /// Terms of all couplings, and the end of each.
     pub coupled: *const CoupledCoordinate,
-    /// See [`coupled`](Self::coupled).
+    /// See `coupled`.
     pub coupling_ends: *const c_int,
     /// For each component of the velocity, six of the base and then the coordinates, the one before on the path to the base; -1: none.
     pub parents: *const c_int,

@@ -30,7 +30,7 @@ const MAX_PARTS: usize = 100;
 const REFINEMENT: usize = 4;
 const PROBES_AT_FIRST: usize = 10;
 const STEPS_BETWEEN_PROBES: i32 = 16;
-const HALF_TURN: f64 = std::f64::consts::FRAC_PI_2;
+const QUARTER_TURN: f64 = std::f64::consts::FRAC_PI_2;
 
 /// At the beginning of a step.
 #[derive(Clone, Copy)]
@@ -86,7 +86,7 @@ impl<S: Scalar> Motion<'_, '_, S> {
         // The rotation in the step grows by a quarter of a turn at most, and with it the work of torques beyond that which other forces
         // take: velocities that diverge say nothing about it.
         let mut most_twisted = S::splat(0.0);
-        let most_turned = self.start.rotation * S::splat(h) + S::splat(HALF_TURN);
+        let most_turned = self.start.rotation * S::splat(h) + S::splat(QUARTER_TURN);
         for body in tree.bodies {
             most_twisted += body.torque.length() * most_turned;
         }
@@ -243,7 +243,7 @@ impl<S: Scalar> Motion<'_, '_, S> {
         let (largest, phases) = (Tree::largest_component(&self.slopes[0]), self.phases(h));
         for world in 0..self.equations.worlds.len() {
             let is_measured = h * largest.of(world) < MAX_CHANGE;
-            let is_bounded = self.equations.fastest_undriven(world, &self.slopes[0]) <= HALF_TURN / (h * h);
+            let is_bounded = self.equations.fastest_undriven(world, &self.slopes[0]) <= QUARTER_TURN / (h * h);
             let holds = self.equations.worlds[world].drives().iter().all(Drive::is_measured);
             others |= u32::from(!(is_measured && is_bounded && holds && phases.of(world) <= 1.0)) << world;
         }
