@@ -232,8 +232,7 @@ void ArticulationDynamics::bound_rotation(Rate &rate, btScalar most) {
 }
 
 btScalar ArticulationDynamics::response(int coordinate) {
-  const AmbAbaTree all = tree();
-  return aba_table->response(&all, coordinate);
+  return aba_table->response(&factored, coordinate);
 }
 
 void ArticulationDynamics::step(btScalar h, const Position &from, const Rate &rate, Position &to, Rate &new_rate) {
@@ -270,37 +269,32 @@ bool ArticulationDynamics::way_to_limits(btScalar h, const Position &from, const
 }
 
 void ArticulationDynamics::factor_inertia() {
-  const AmbAbaTree all = tree();
-  aba_table->factor(&all);
+  factored = tree();
+  aba_table->factor(&factored);
 }
 
 void ArticulationDynamics::add_jacobian(size_t body, const btVector3 &force, const btVector3 &torque,
                                         btScalar *row) const {
-  const AmbAbaTree all = tree();
-  aba_table->add_jacobian(&all, static_cast<int>(body), force.m_floats, torque.m_floats, false, row);
+  aba_table->add_jacobian(&factored, static_cast<int>(body), force.m_floats, torque.m_floats, false, row);
 }
 
 void ArticulationDynamics::add_joint_jacobian(size_t body, const btVector3 &force, const btVector3 &torque,
                                               btScalar *row) const {
-  const AmbAbaTree all = tree();
-  aba_table->add_jacobian(&all, static_cast<int>(body), force.m_floats, torque.m_floats, true, row);
+  aba_table->add_jacobian(&factored, static_cast<int>(body), force.m_floats, torque.m_floats, true, row);
 }
 
 void ArticulationDynamics::normalise(btScalar *row) const {
-  const AmbAbaTree all = tree();
-  aba_table->normalise(&all, row);
+  aba_table->normalise(&factored, row);
 }
 
 void ArticulationDynamics::rates_of(const btScalar *z, Rate &rate) const {
-  const AmbAbaTree all = tree();
   const AmbAbaRates rates = raw(rate);
-  aba_table->rates_of(&all, z, &rates);
+  aba_table->rates_of(&factored, z, &rates);
 }
 
 void ArticulationDynamics::coordinates_of(const Rate &rate, btScalar *z) const {
-  const AmbAbaTree all = tree();
   const AmbAbaRates rates = raw(rate);
-  aba_table->coordinates_of(&all, &rates, z);
+  aba_table->coordinates_of(&factored, &rates, z);
 }
 
 void ArticulationDynamics::advance_position(Position &position, btScalar h, const Rate &rate) const {

@@ -263,6 +263,8 @@ class ArticulationDynamics {
  private:
   AmbAbaTree tree() const;
 
+  // That of the last `factor_inertia`, for what is called for each row after it.
+  AmbAbaTree factored{};
   Vector<CoupledCoordinate> coupled;
   Vector<int> coupling_ends;
   // Memory of the algorithm.
