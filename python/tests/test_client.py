@@ -112,6 +112,7 @@ class Objects(support.TimedTest):
         """`wait_for_object` finds them; what never comes is an error in time."""
         with self.within(3.0), self.assertRaises(ObjectNotFound):
             CLIENT.wait_for_object("arm7_of_another", timeout=0.5)
+        rospy.wait_for_service("/ambf/env/World/add_model", timeout=harness.PATIENCE_S)
         add = rospy.ServiceProxy("/ambf/env/World/add_model", AddModel)
         answer = add(str(support.RESOURCES / "models/pendulum.yaml"))
         self.assertTrue(answer.success, answer.message)

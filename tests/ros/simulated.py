@@ -74,6 +74,11 @@ class Simulated(unittest.TestCase):
         self.addCleanup(listener.close)
         return listener
 
+    def service(self, name, kind):
+        """A service of the world, once it is there: it is registered with the master after the topics."""
+        rospy.wait_for_service(f"{WORLD}/{name}", timeout=harness.PATIENCE_S)
+        return rospy.ServiceProxy(f"{WORLD}/{name}", kind)
+
     def reset(self, what="Reset"):
         """Asks for a reset once."""
         publisher = rospy.Publisher(f"{WORLD}/Command/{what}", Empty, queue_size=1)

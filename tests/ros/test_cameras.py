@@ -530,13 +530,11 @@ class Others(Seen):
     def test_cameras_come_and_go_with_their_models(self):
         """Topics, images, and the end of both; then again."""
         self.show([camera("cam", publish_image=True)])
-        for name, kind in (("add_model", AddModel), ("remove_model", RemoveModel)):
-            rospy.wait_for_service(f"{WORLD}/{name}", timeout=harness.PATIENCE_S)
-            setattr(self, name, rospy.ServiceProxy(f"{WORLD}/{name}", kind))
+        add_model, remove_model = self.service("add_model", AddModel), self.service("remove_model", RemoveModel)
         path = scene("coming.yaml", [camera("late", publish_image=True)], [block("Wall", (-1.5, 0, 0), 4.0, (1, 0, 0))])
         topic = f"{CAMERAS}/late/ImageData"
         for _ in range(2):
-            answer = self.add_model(str(path))
+            answer = add_model(str(path))
             self.assertTrue(answer.success, answer)
             self.simulator.wait_for_topics(topic)
             listener = node.Listener(topic, Image)
@@ -544,7 +542,7 @@ class Others(Seen):
                 listener.until(lambda image: name_of(pixel(image, 32, 24)) == "red", "an image of the new wall")
             finally:
                 listener.close()
-            self.assertTrue(self.remove_model(answer.model).success)
+            self.assertTrue(remove_model(answer.model).success)
             harness.wait_for(lambda: topic not in harness.published(Ros.master.port), "the topic is gone")
         eye = self.of("cam", "ImageData", Image)
         eye.until(lambda image: name_of(pixel(image, 32, 24)) == "white", "the wall is gone")

@@ -365,7 +365,7 @@ class Parents(Simulated):
         self.hang(self.eye, "eye", "BODY Far")
         self.assertAlmostEqual(self.eye.next().pose.position.x, 0.1, places=6)
         self.pass_time(0.2)
-        answer = rospy.ServiceProxy(f"{WORLD}/remove_model", RemoveModel)("far")
+        answer = self.service("remove_model", RemoveModel)("far")
         self.assertTrue(answer.success, answer)
         state = self.eye.until(lambda state: state.pose.position.x > 1.0, "the camera hangs in the world")
         self.assertAlmostEqual(state.pose.position.x, 7.1, places=5)

@@ -88,7 +88,7 @@ class Frames(Simulated):
     def test_models_that_come_and_go(self):
         """Frames and description follow."""
         harness.wait_for(self.description, "the parameter")
-        add, remove = (rospy.ServiceProxy(f"{WORLD}/{name}", kind) for name, kind in (("add_model", AddModel), ("remove_model", RemoveModel)))
+        add, remove = self.service("add_model", AddModel), self.service("remove_model", RemoveModel)
         answer = add(str(written("guest.yaml", model({"BODY Guest": box("Guest", 1.0, z=3.0)}))))
         self.assertTrue(answer.success, answer)
         frames = self.listen("/tf", TFMessage)

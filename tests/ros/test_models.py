@@ -26,10 +26,9 @@ class Changing(Simulated):
     def setUp(self):
         self.FILES = (written("flyer.yaml", model({"BODY Flyer": weightless("Flyer", z=5.0)})), *self.more_files())
         super().setUp()
-        services = (("add_model", AddModel), ("remove_model", RemoveModel), ("list_models", ListModels))
-        for name, kind in services:
-            rospy.wait_for_service(f"{WORLD}/{name}", timeout=harness.PATIENCE_S)
-            setattr(self, name, rospy.ServiceProxy(f"{WORLD}/{name}", kind))
+        self.add_model = self.service("add_model", AddModel)
+        self.remove_model = self.service("remove_model", RemoveModel)
+        self.list_models = self.service("list_models", ListModels)
         self.flyer = self.listen("/ambf/env/Flyer/State", RigidBodyState)
 
     def more_files(self):
@@ -176,8 +175,8 @@ class Services(Changing):
 
         def work(path):
             for _ in range(5):
-                add = rospy.ServiceProxy(f"{WORLD}/add_model", AddModel)
-                remove = rospy.ServiceProxy(f"{WORLD}/remove_model", RemoveModel)
+                add = self.service("add_model", AddModel)
+                remove = self.service("remove_model", RemoveModel)
                 answer = add(str(path))
                 if not (answer.success and remove(answer.model).success):
                     failed.append((path, answer))

@@ -34,11 +34,6 @@ class Recorded(Simulated):
         self.stop_recording = self.service("stop_recording", StopRecording)
         self.flyer = self.listen(f"{FLYER}/State", RigidBodyState)
 
-    def service(self, name, kind):
-        """A service of the world."""
-        rospy.wait_for_service(f"{WORLD}/{name}", timeout=harness.PATIENCE_S)
-        return rospy.ServiceProxy(f"{WORLD}/{name}", kind)
-
     def recorded(self, file):
         """Records from a reset on while the body is pushed; its last state."""
         answer = self.start_recording(str(file), True)
