@@ -66,7 +66,7 @@ void amb_world_count_division(AmbWorld *world);
 /* Sets the functions of the solver of mixed linear complementarity problems (AmbMlcpTable of ambf_mlcp.h). To be called
    once, before the first world is made. */
 void amb_set_mlcp(const void *table);
-/* Sets the functions of the articulated-body algorithm (AmbAbaTable of ambf_aba.h), likewise. */
-void amb_set_aba(const void *table);
+/* Sets the functions of trees (TreeTable of articulation_tree.h), likewise. */
+void amb_set_trees(const void *table);
 
 #endif

@@ -114,7 +114,7 @@ bool ArticulatedWorld::is_solved() const {
     const btTypedConstraint &constraint = *m_constraints[i];
     if (!constraint.getRigidBodyA().isStaticOrKinematicObject() || !constraint.getRigidBodyB().isStaticOrKinematicObject()) return false;
   }
-  return std::none_of(articulations.begin(), articulations.end(), [](const auto *each) { return each->has_rows; });
+  return std::none_of(articulations.begin(), articulations.end(), [](const auto *each) { return *each->tree->has_rows; });
 }
 
 // Finds the motion of articulations over the next sub-step without contacts and external constraints.
@@ -138,14 +138,14 @@ void ArticulatedWorld::move_freely(btContactSolverInfo &info) {
   }
   clearMultiBodyConstraintForces();
   for (AmbArticulation *articulation : articulations) {
-    articulation->integrate_free_motion(info.m_timeStep);
-    if (articulation->has_rows) articulation->prepare_rows(info.m_timeStep);
+    articulation->move_freely(info.m_timeStep);
+    if (*articulation->tree->has_rows) articulation->prepare_rows(info.m_timeStep);
   }
 }
 
 void ArticulatedWorld::integrateTransforms(btScalar h) {
   btDiscreteDynamicsWorld::integrateTransforms(h);
-  for (AmbArticulation *articulation : articulations) articulation->integrate(h);
+  for (AmbArticulation *articulation : articulations) articulation->finish(h);
   if (!engine_of(*static_cast<AmbWorld *>(getWorldUserInfo())).has_reactions) return;
   for (AmbConstraint *constraint : external_constraints) constraint->external_rows->write_feedback(h);
 }

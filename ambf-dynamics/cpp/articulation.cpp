@@ -6,21 +6,21 @@
 
 namespace {
 
-ArticulationDynamics::JointType joint_type_of(AmbConstraint &c) {
+Tree::JointType joint_type_of(AmbConstraint &c) {
   switch (c.kind) {
-    case Kind::Hinge: return ArticulationDynamics::JointType::Revolute;
-    case Kind::Slider: return ArticulationDynamics::JointType::Prismatic;
+    case Kind::Hinge: return Tree::JointType::Revolute;
+    case Kind::Slider: return Tree::JointType::Prismatic;
     case Kind::PointToPoint:
-    case Kind::ConeTwist: return ArticulationDynamics::JointType::Spherical;
+    case Kind::ConeTwist: return Tree::JointType::Spherical;
     case Kind::SixDof: {
       const auto &limits = *c.as<btGeneric6DofConstraint>().getTranslationalLimitMotor();
       const bool slides = !(limits.m_lowerLimit.isZero() && limits.m_upperLimit.isZero());
-      return slides ? ArticulationDynamics::JointType::Free : ArticulationDynamics::JointType::Spherical;
+      return slides ? Tree::JointType::Free : Tree::JointType::Spherical;
     }
     case Kind::SixDofSpring:
-      if (moves_about_z(c)) return ArticulationDynamics::JointType::Revolute;
-      return moves_along_z(c) ? ArticulationDynamics::JointType::Prismatic : ArticulationDynamics::JointType::Fixed;
-    default: return ArticulationDynamics::JointType::Fixed;
+      if (moves_about_z(c)) return Tree::JointType::Revolute;
+      return moves_along_z(c) ? Tree::JointType::Prismatic : Tree::JointType::Fixed;
+    default: return Tree::JointType::Fixed;
   }
 }
 
@@ -52,15 +52,15 @@ constexpr btScalar AXIS_TOLERANCE = 2e-3;
 
 // Whether a spring acts on the coordinate of a joint between the same bodies.
 bool acts_along(AmbConstraint &spring, AmbConstraint &joint) {
-  const ArticulationDynamics::JointType type = joint_type_of(spring);
-  if (type == ArticulationDynamics::JointType::Fixed || type != joint_type_of(joint)) return false;
+  const Tree::JointType type = joint_type_of(spring);
+  if (type == Tree::JointType::Fixed || type != joint_type_of(joint)) return false;
   const bool same_order = &first_of(spring) == &first_of(joint);
   for (bool of_b : {false, true}) {
     const btTransform theirs = frame_of(joint, of_b), own = frame_of(spring, same_order ? of_b : !of_b);
     const btVector3 axis = theirs.getBasis() * axis_of(joint);
     if (axis.cross(own.getBasis() * axis_of(spring)).length() > AXIS_TOLERANCE) return false;
     // For a hinge the distance between the axes counts, for a slider only their directions.
-    const bool hinge = type == ArticulationDynamics::JointType::Revolute;
+    const bool hinge = type == Tree::JointType::Revolute;
     if (hinge && axis.cross(own.getOrigin() - theirs.getOrigin()).length() > AXIS_TOLERANCE) return false;
   }
   return true;
@@ -71,13 +71,6 @@ bool joins_the_same(const AmbConstraint &a, const AmbConstraint &b) {
          (&first_of(a) == &second_of(b) && &second_of(a) == &first_of(b));
 }
 
-// Largest turn in a sub-step up to which the kinetic energy may grow at the new position, rad: slow motion exchanges energy
-// between sub-steps by truncation errors of either sign, in proportion to the third power of the turn.
-constexpr btScalar FAST_TURN = 0.05;
-
-// Rows are solved with the rates after the free motion and the inertia before it. Largest ratio of the energy of both
-// together to the energy before and after the motion; beyond it rows act on a motion along the tangent instead.
-constexpr btScalar MAX_CONTRAST = 2;
 // Largest position error of a joint, m and rad, up to which its child is moved onto the joint. With larger errors the
 // joint stays a constraint.
 constexpr btScalar MAX_INITIAL_GAP = 0.02, MAX_INITIAL_ANGLE = 0.05;
@@ -88,12 +81,12 @@ bool fits(AmbConstraint &joint) {
   const btTransform b = second_of(joint).body.getWorldTransform() * frame_of(joint, true);
   const btVector3 axis = a.getBasis() * axis_of(joint);
   btVector3 gap = b.getOrigin() - a.getOrigin();
-  const ArticulationDynamics::JointType type = joint_type_of(joint);
-  if (type == ArticulationDynamics::JointType::Free) return true;
-  if (type == ArticulationDynamics::JointType::Spherical) return gap.length() < MAX_INITIAL_GAP;
-  if (type == ArticulationDynamics::JointType::Prismatic) gap -= axis * axis.dot(gap);
+  const Tree::JointType type = joint_type_of(joint);
+  if (type == Tree::JointType::Free) return true;
+  if (type == Tree::JointType::Spherical) return gap.length() < MAX_INITIAL_GAP;
+  if (type == Tree::JointType::Prismatic) gap -= axis * axis.dot(gap);
   btScalar angle;
-  if (type == ArticulationDynamics::JointType::Revolute) {
+  if (type == Tree::JointType::Revolute) {
     const btVector3 other = b.getBasis() * axis_of(joint);
     angle = btAtan2(axis.cross(other).length(), axis.dot(other));
   } else {
@@ -112,8 +105,8 @@ constexpr int MAX_CONTACT_PATH = 100;
 constexpr int MAX_COORDINATES = 1000;
 
 int coordinates_of(AmbConstraint &joint) {
-  const ArticulationDynamics::JointType type = joint_type_of(joint);
-  return ArticulationDynamics::sliding_coordinates_of(type) + ArticulationDynamics::turning_coordinates_of(type);
+  const Tree::JointType type = joint_type_of(joint);
+  return Tree::sliding_coordinates_of(type) + Tree::turning_coordinates_of(type);
 }
 
 // Whether such a tree, and contacts with its links, are affordable.
@@ -160,8 +153,8 @@ AmbConstraint *joint_of(AmbConstraint &spring, const JointsByChild &joints) {
 // Decay rate, 1/s, for a share of the velocity lost in 1 s; at most 1e4 1/s.
 btScalar drag_of(btScalar share) { return share > 0 ? std::fmin(-std::log1p(-std::fmin(share, btScalar(1))), 1e4) : 0; }
 
-ArticulationDynamics::Body body_of(const AmbBody &body) {
-  ArticulationDynamics::Body result;
+Tree::Body inertia_of(const AmbBody &body) {
+  Tree::Body result;
   const btScalar inverse = body.body.getInvMass();
   result.mass = inverse > 0 ? 1 / inverse : 0;
   result.inertia = inverse > 0 ? body.body.getLocalInertia() : btVector3(0, 0, 0);
@@ -179,14 +172,69 @@ bool differ(const btTransform &a, const btTransform &b) {
   return !(a.getOrigin() == b.getOrigin() && a.getBasis() == b.getBasis());
 }
 
-btTransform transform_of(const ArticulationDynamics &dynamics, size_t body) {
-  return btTransform(dynamics.rotations[body], dynamics.origins[body]);
+// [v] times a matrix: each column of the result is v x the column.
+btMatrix3x3 cross_matrix(const btVector3 &v, const btMatrix3x3 &m) {
+  const btVector3 x = m[2] * v.y() - m[1] * v.z();
+  const btVector3 y = m[0] * v.z() - m[2] * v.x();
+  const btVector3 z = m[1] * v.x() - m[0] * v.y();
+  return btMatrix3x3(x.x(), x.y(), x.z(), y.x(), y.y(), y.z(), z.x(), z.y(), z.z());
 }
 
-void subtract(ArticulationDynamics::Rate &from, const ArticulationDynamics::Rate &rate) {
-  from.angular -= rate.angular;
-  from.linear -= rate.linear;
-  for (size_t k = 0; k < rate.q.size(); ++k) from.q[k] -= rate.q[k];
+// A link whose coordinates follow those of the links before. The joint's frames coincide at coordinate 0, `axis` is in them.
+Tree::Link link_of(int parent, Tree::JointType type, const btVector3 &axis, const btTransform &joint_in_parent,
+                   const btTransform &joint_in_child, int &coordinates, int &balls) {
+  Tree::Link link;
+  link.parent = parent;
+  link.type = type;
+  link.sliding = Tree::sliding_coordinates_of(type);
+  link.turning = Tree::turning_coordinates_of(type);
+  link.coordinate = link.freedoms() == 0 ? -1 : coordinates;
+  coordinates += link.freedoms();
+  link.ball = link.turning == 3 ? balls++ : -1;
+  link.axis = joint_in_parent.getBasis() * axis;
+  link.pivot = joint_in_parent.getOrigin();
+  link.rotation = joint_in_parent.getBasis().timesTranspose(joint_in_child.getBasis());
+  link.arm = -joint_in_child.getOrigin();
+  link.turn = cross_matrix(link.axis, link.rotation);
+  link.turn2 = cross_matrix(link.axis, link.turn);
+  return link;
+}
+
+// Finds the motor of a joint: the rate that it leads to, its softness and its largest impulse in h s, 0: there is none.
+void set_motor(Tree::Joint &of, const AmbConstraint &joint, btScalar h) {
+  of.softness = of.target = of.impulse = 0;
+  if (joint.motor.enabled) {
+    of.target = joint.motor.velocity;
+    of.softness = joint.motor.softness;
+    of.impulse = joint.motor.max_force * h;
+  } else if (joint.kind == Kind::Hinge) {
+    auto &hinge = static_cast<btHingeConstraint &>(*joint.constraint);
+    if (!hinge.getEnableAngularMotor()) return;
+    of.target = hinge.getMotorTargetVelocity();
+    of.impulse = hinge.getMaxMotorImpulse();
+  } else if (joint.kind == Kind::Slider) {
+    auto &slider = static_cast<btSliderConstraint &>(*joint.constraint);
+    if (!slider.getPoweredLinMotor()) return;
+    of.target = slider.getTargetLinMotorVelocity();
+    of.impulse = slider.getMaxLinMotorForce() * h;
+  }
+}
+
+// Memory in the arena that the thread has entered; each block begins with the address of the one before.
+void *allocate(void **blocks, size_t size) {
+  constexpr size_t HEAD = 16;
+  void **const block = static_cast<void **>(btAlignedAlloc(HEAD + size, HEAD));
+  *block = *blocks;
+  *blocks = block;
+  return reinterpret_cast<char *>(block) + HEAD;
+}
+
+void release(void *blocks) {
+  while (blocks) {
+    void *const before = *static_cast<void **>(blocks);
+    btAlignedFree(blocks);
+    blocks = before;
+  }
 }
 
 }  // namespace
@@ -207,85 +255,52 @@ void LinkCollider::copy_surface(const AmbBody &owner) {
 
 AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n,
                                  AmbConstraint *const *parallel, int n_parallel)
-    : world(owner), dynamics(base.body.getInvMass() == 0) {
-  const bool fixed = dynamics.fixed_base;
-  dynamics.bodies.push_back(body_of(base));
+    : world(owner), has_fixed_base(base.body.getInvMass() == 0) {
   members.push_back({&base, nullptr, nullptr, nullptr});
-  // Bullet has no joints with six motions: a further link of the btMultiBody, without a body, has three of them.
-  int links = n;
-  for (int i = 0; i < n; ++i) links += joint_type_of(*joints[i]) == ArticulationDynamics::JointType::Free ? 1 : 0;
-  multi_body = std::make_unique<btMultiBody>(links, dynamics.bodies[0].mass, dynamics.bodies[0].inertia, fixed, false);
-  links = n;
-  auto member_of = [this](const AmbBody *body) {
-    // A fixed base may be the base of several articulations and has no `articulation`.
-    return body == members[0].body ? 0 : body->articulation == this ? body->member : -1;
-  };
-  if (!fixed) {
+  if (!has_fixed_base) {
     base.articulation = this;
     base.member = 0;
   }
+  make_tree(joints, n, n_parallel);
+  // Bullet has no joints with six motions: a further link of the btMultiBody, without a body, has three of them.
+  int links = n;
+  for (int i = 0; i < n; ++i) links += tree->link[i].type == Tree::JointType::Free ? 1 : 0;
+  multi_body = std::make_unique<btMultiBody>(links, tree->body[0].mass, tree->body[0].inertia, has_fixed_base, false);
+  links = n;
   for (int i = 0; i < n; ++i) {
-    AmbConstraint &joint = *joints[i];
-    const bool from_a = member_of(&first_of(joint)) >= 0;
-    AmbBody &child = from_a ? second_of(joint) : first_of(joint);
-    const int parent = member_of(from_a ? &first_of(joint) : &second_of(joint));
-    const btTransform in_parent = frame_of(joint, !from_a), in_child = frame_of(joint, from_a);
-    const btVector3 axis = axis_of(joint);
-    // The coordinate is that of body B relative to body A.
-    dynamics.add(body_of(child), parent, joint_type_of(joint), from_a ? axis : -axis, in_parent, in_child);
-    child.articulation = this;
-    child.member = i + 1;
-    joint.articulation = this;
-    joint.link = i + 1;
-    has_feedback |= joint.feedback != nullptr;
-    has_wide_limits |= joint.kind == Kind::ConeTwist || joint.kind == Kind::SixDof;
-    members.push_back({&child, &joint, nullptr, nullptr});
-
-    const ArticulationDynamics::Link &link = dynamics.links[i];
-    const ArticulationDynamics::Body &body = dynamics.bodies[i + 1];
+    const int parent = tree->link[i].parent;
+    const Tree::Link &link = tree->link[i];
+    const Tree::Body &body = tree->body[i + 1];
     btQuaternion rotation;
     link.rotation.transpose().getRotation(rotation);
     const btVector3 local_axis = link.rotation.transpose() * link.axis;
     switch (link.type) {
-      case ArticulationDynamics::JointType::Revolute:
+      case Tree::JointType::Revolute:
         multi_body->setupRevolute(i, body.mass, body.inertia, parent - 1, rotation, local_axis, link.pivot, link.arm);
         break;
-      case ArticulationDynamics::JointType::Prismatic:
+      case Tree::JointType::Prismatic:
         multi_body->setupPrismatic(i, body.mass, body.inertia, parent - 1, rotation, local_axis, link.pivot, link.arm,
                                    false);
         break;
-      case ArticulationDynamics::JointType::Free:
+      case Tree::JointType::Free:
         multi_body->setupSpherical(links++, 0, btVector3(0, 0, 0), i, rotation, link.pivot, link.arm, false);
         [[fallthrough]];
-      case ArticulationDynamics::JointType::Spherical:
+      case Tree::JointType::Spherical:
         multi_body->setupSpherical(i, body.mass, body.inertia, parent - 1, rotation, link.pivot, link.arm, false);
         break;
-      case ArticulationDynamics::JointType::Fixed:
+      case Tree::JointType::Fixed:
         multi_body->setupFixed(i, body.mass, body.inertia, parent - 1, rotation, link.pivot, link.arm);
         break;
     }
   }
-  take_couplings();
-  dynamics.finish();
   multi_body->finalizeMultiDof();
   multi_body->setLinearDamping(0);
   multi_body->setAngularDamping(0);
   multi_body->setMaxCoordinateVelocity(BT_LARGE_FLOAT);
   multi_body->setUserPointer(this);
-  correction.q.resize(dynamics.coordinates);
-  change.q.resize(dynamics.coordinates);
-  fed.q.resize(dynamics.coordinates);
-  row_rate.q.resize(dynamics.coordinates);
-  position.q.resize(dynamics.coordinates);
-  position.balls.resize(dynamics.balls, btQuaternion::getIdentity());
-  rate.q.resize(dynamics.coordinates);
-  free_position = position;
-  free_rate = mean_rate = rate;
-  mean_velocity.resize(dynamics.velocity_size());
-  changed_velocity.resize(dynamics.velocity_size());
   for (size_t i = 1; i < members.size(); ++i) world.articulated->removeConstraint(members[i].joint->constraint.get());
   for (int i = 0; i < n_parallel; ++i) world.articulated->removeConstraint(parallel[i]->constraint.get());
-  for (size_t i = fixed ? 1 : 0; i < members.size(); ++i) {
+  for (size_t i = has_fixed_base ? 1 : 0; i < members.size(); ++i) {
     Member &member = members[i];
     AmbBody &body = *member.body;
     drop_drive(world, body);
@@ -305,7 +320,7 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
   apply_set_state();
   for (size_t i = 1; i < members.size(); ++i) {
     AmbConstraint &joint = *members[i].joint;
-    if (joint.kind == Kind::SixDofSpring && dynamics.links[i - 1].coordinate >= 0) add_spring(joint, i - 1, true);
+    if (joint.kind == Kind::SixDofSpring && tree->link[i - 1].coordinate >= 0) add_spring(joint, i - 1, true);
     if (joint.motor.damping > 0) add_damper(joint, i - 1);
   }
   const JointsByChild by_child = n_parallel > 0 ? joints_by_child(base, joints, n) : JointsByChild();
@@ -320,10 +335,57 @@ AmbArticulation::AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *
   world.articulated->articulations.push_back(this);
 }
 
+// Makes the tree of the joints, with place for all springs, and the couplings between them parts of its equations of motion.
+void AmbArticulation::make_tree(AmbConstraint *const *joints, int n, int n_parallel) {
+  Vector<Tree::Link> links;
+  Vector<Tree::Body> bodies{inertia_of(*members[0].body)};
+  int coordinates = 0, balls = 0, spring_count = n_parallel;
+  auto member_of = [this](const AmbBody *body) {
+    // A fixed base may be the base of several articulations and has no `articulation`.
+    return body == members[0].body ? 0 : body->articulation == this ? body->member : -1;
+  };
+  for (int i = 0; i < n; ++i) {
+    AmbConstraint &joint = *joints[i];
+    const bool from_a = member_of(&first_of(joint)) >= 0;
+    AmbBody &child = from_a ? second_of(joint) : first_of(joint);
+    const int parent = member_of(from_a ? &first_of(joint) : &second_of(joint));
+    const btTransform in_parent = frame_of(joint, !from_a), in_child = frame_of(joint, from_a);
+    const btVector3 axis = axis_of(joint);
+    // The coordinate is that of body B relative to body A.
+    links.push_back(link_of(parent, joint_type_of(joint), from_a ? axis : -axis, in_parent, in_child, coordinates, balls));
+    bodies.push_back(inertia_of(child));
+    child.articulation = this;
+    child.member = i + 1;
+    joint.articulation = this;
+    joint.link = i + 1;
+    has_feedback |= joint.feedback != nullptr;
+    has_wide_limits |= joint.kind == Kind::ConeTwist || joint.kind == Kind::SixDof;
+    members.push_back({&child, &joint, nullptr, nullptr});
+    spring_count += joint.kind == Kind::SixDofSpring && links.back().coordinate >= 0 ? 1 : 0;
+    spring_count += joint.motor.damping > 0 ? 1 : 0;
+  }
+  Vector<Tree::CoupledCoordinate> terms;
+  Vector<int> ends;
+  Vector<btScalar> offsets;
+  for (AmbCoupling *coupling : engine_of(world).couplings) {
+    if (coupling->articulation() != this) continue;
+    coupling->follow_articulation(world);
+    couplings.push_back(coupling);
+    for (const AmbCoupling::Term &term : coupling->terms)
+      terms.push_back({links[term.joint->link - 1].coordinate, term.factor});
+    ends.push_back(static_cast<int>(terms.size()));
+    offsets.push_back(coupling->offset);
+  }
+  const Tree::Bounds bounds{MAX_CORRECTION_SPEED, MAX_RETURN_SPEED, MAX_RETURN_RATE, LIMIT_ERP, SOFT_SPRING};
+  const Tree::Plan plan{n, static_cast<int>(ends.size()), spring_count, has_fixed_base, links.data(), bodies.data(),
+                        terms.data(), ends.data(), offsets.data(), bounds, allocate, &blocks};
+  tree = tree_table->make(&plan);
+}
+
 void AmbArticulation::body_changed(const AmbBody &body) {
   const size_t member = body.member;
-  ArticulationDynamics::Body &present = dynamics.bodies[member];
-  ArticulationDynamics::Body changed = body_of(body);
+  Tree::Body &present = tree->body[member];
+  Tree::Body changed = inertia_of(body);
   changed.force = present.force;
   changed.torque = present.torque;
   present = changed;
@@ -341,21 +403,21 @@ void AmbArticulation::body_changed(const AmbBody &body) {
 bool AmbArticulation::damping_changed(const AmbConstraint &joint) {
   for (size_t i = 0; i < springs.size(); ++i) {
     if (springs[i].constraint != &joint) continue;
-    dynamics.springs[i].damping = joint.motor.damping;
+    tree->spring[i].damping = joint.motor.damping;
     return true;
   }
   return joint.motor.damping <= 0;
 }
 
 void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is_joint) {
-  const ArticulationDynamics::Link &joint = dynamics.links[link];
-  const bool is_angle = joint.type == ArticulationDynamics::JointType::Revolute;
+  const Tree::Link &joint = tree->link[link];
+  const bool is_angle = joint.type == Tree::JointType::Revolute;
   auto &six_dof = constraint.as<btGeneric6DofSpring2Constraint>();
   const auto &turn = *six_dof.getRotationalLimitMotor(2);
   const auto &way = *six_dof.getTranslationalLimitMotor();
   // Angular quantities have the sign of a hinge here, which is opposite to that of Bullet's six-dof spring.
   const bool enabled = is_angle ? turn.m_enableSpring : way.m_enableSpring[2];
-  ArticulationDynamics::Spring spring;
+  Tree::Spring spring;
   spring.coordinate = joint.coordinate;
   spring.is_angle = is_angle;
   spring.stiffness = !enabled ? 0 : is_angle ? turn.m_springStiffness : way.m_springStiffness.z();
@@ -371,7 +433,7 @@ void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is
     const btVector3 axis = frame_of(own, false).getBasis() * axis_of(own);
     const btVector3 other = frame_of(constraint, !same_order).getBasis() * axis_of(constraint);
     spring.sign = (axis.dot(other) > 0) == same_order ? 1 : -1;
-    spring.offset = spring_coordinate(constraint) - spring.sign * position.q[joint.coordinate];
+    spring.offset = spring_coordinate(constraint) - spring.sign * tree->q[joint.coordinate];
     if (low <= high) {
       low = (low - spring.offset) * spring.sign;
       high = (high - spring.offset) * spring.sign;
@@ -381,67 +443,39 @@ void AmbArticulation::add_spring(AmbConstraint &constraint, size_t link, bool is
       if (btFabs(low - own.motor.low) < tolerance && btFabs(high - own.motor.high) < tolerance) low = high + 1;
     }
   }
-  dynamics.springs.push_back(spring);
-  springs.push_back({&constraint, link, low, high});
-}
-
-// Makes the couplings between its joints parts of the equations of motion.
-void AmbArticulation::take_couplings() {
-  for (AmbCoupling *coupling : engine_of(world).couplings) {
-    if (coupling->articulation() != this) continue;
-    coupling->follow_articulation(world);
-    couplings.push_back(coupling);
-    Vector<ArticulationDynamics::CoupledCoordinate> terms;
-    for (const AmbCoupling::Term &term : coupling->terms)
-      terms.push_back({dynamics.links[term.joint->link - 1].coordinate, term.factor});
-    dynamics.couple(terms);
-  }
+  tree_table->add_spring(tree, &spring, static_cast<int>(link) + 1, !is_joint, low, high);
+  springs.push_back({&constraint, link});
 }
 
 // Keeps the coordinates of coupled joints with all their turns.
 void AmbArticulation::remember_coordinates() {
-  for (size_t i = 0; i < couplings.size(); ++i) {
-    for (size_t k = 0; k < couplings[i]->terms.size(); ++k)
-      couplings[i]->terms[k].last = position.q[dynamics.coupling(i)[k].coordinate];
+  for (AmbCoupling *coupling : couplings) {
+    for (AmbCoupling::Term &term : coupling->terms) term.last = tree->q[tree->link[term.joint->link - 1].coordinate];
   }
 }
 
 // Gives followers the coordinates that their leaders ask for; angles of joints are known up to whole turns before. At the
 // start those of the leaders have none.
 void AmbArticulation::close_couplings() {
-  for (size_t i = 0; i < couplings.size(); ++i) {
-    AmbCoupling &coupling = *couplings[i];
-    const ArticulationDynamics::CoupledCoordinate *const terms = dynamics.coupling(i);
-    const auto coordinate = [&](size_t k) -> btScalar & { return position.q[terms[k].coordinate]; };
-    coupling.complete(coordinate, joint_rows != nullptr);
-    coordinate(0) = coupling.wanted(coordinate);
+  for (AmbCoupling *coupling : couplings) {
+    const auto coordinate = [&](size_t k) -> btScalar & {
+      return tree->q[tree->link[coupling->terms[k].joint->link - 1].coordinate];
+    };
+    coupling->complete(coordinate, joint_rows != nullptr);
+    coordinate(0) = coupling->wanted(coordinate);
   }
 }
 
 // The damping of a hinge or slider: a spring without stiffness.
 void AmbArticulation::add_damper(AmbConstraint &joint, size_t link) {
-  ArticulationDynamics::Spring damper;
-  damper.coordinate = dynamics.links[link].coordinate;
+  Tree::Spring damper;
+  damper.coordinate = tree->link[link].coordinate;
   damper.is_angle = joint.kind == Kind::Hinge;
   damper.damping = joint.motor.damping;
   damper.stiffness = damper.rest = damper.offset = 0;
   damper.sign = 1;
-  dynamics.springs.push_back(damper);
-  springs.push_back({&joint, link, 1, -1});
-}
-
-// Classifies springs for a sub-step of h s, from the poses at its beginning: soft ones are integrated with the motion, stiff ones become implicit rows,
-// which cannot overshoot. Those in between are rows of the position problem, too.
-void AmbArticulation::choose_springs(btScalar h) {
-  if (springs.empty()) return;
-  if (!dynamics.state.has_subspaces) dynamics.update_velocities(rate);
-  dynamics.factor_inertia();
-  for (ArticulationDynamics::Spring &spring : dynamics.springs) {
-    const btScalar response = dynamics.response(spring.coordinate) * h;
-    spring.is_stiff = spring.stiffness * h * response > 0.04 || spring.damping * response > 0.1;
-    spring.settles_in_a_step = spring.is_stiff && spring.stiffness * h * response > 1;
-    spring.resists_corrections = spring.stiffness * h * response * SOFT_SPRING > 1;
-  }
+  tree_table->add_spring(tree, &damper, static_cast<int>(link) + 1, false, 1, -1);
+  springs.push_back({&joint, link});
 }
 
 AmbArticulation::~AmbArticulation() {
@@ -487,58 +521,43 @@ AmbArticulation::~AmbArticulation() {
   }
   for (AmbConstraint *constraint : external)
     amb_world_add_constraint(&world, constraint, constraint->disables_collision);
+  release(blocks);
+}
+
+void AmbArticulation::take_base_pose() {
+  base_pose = members[0].body->body.getWorldTransform();
+  *tree->origin = tree->base->origin = base_pose.getOrigin();
+  *tree->rotation = tree->base->rotation = base_pose.getRotation();
 }
 
 // Takes over the pose of a fixed base that was set.
 void AmbArticulation::follow_base() {
-  const btTransform &pose = members[0].body->body.getWorldTransform();
-  if (!differ(pose, base_pose)) return;
-  base_pose = pose;
-  position.origin = pose.getOrigin();
-  position.rotation = pose.getRotation();
-  dynamics.update_poses(position);
-  dynamics.update_velocities(rate);
+  if (!differ(members[0].body->body.getWorldTransform(), base_pose)) return;
+  take_base_pose();
+  tree_table->place(tree);
   write_proxies();
-}
-
-// Takes over the velocity of a fixed base that is moved. It changes from one sub-step to the next by an impulse, which the
-// joints pass on.
-void AmbArticulation::take_base_velocity() {
-  const btRigidBody &base = members[0].body->body;
-  if (rate.linear == base.getLinearVelocity() && rate.angular == base.getAngularVelocity()) return;
-  rate.linear = base.getLinearVelocity();
-  rate.angular = base.getAngularVelocity();
-  per_link[0] = dynamics.linear;
-  per_link[1] = dynamics.angular;
-  dynamics.project(per_link[0].data(), per_link[1].data(), rate);
-  dynamics.update_velocities(rate);
 }
 
 void AmbArticulation::apply_set_state() {
   if (!poses_set && !velocities_set) return;
   if (poses_set) {
-    dynamics.reset_estimates();
-    if (joint_rows) {
-      joint_rows->reset();
-      remember_coordinates();
-    }
-    base_pose = members[0].body->body.getWorldTransform();
-    position.origin = base_pose.getOrigin();
-    position.rotation = base_pose.getRotation();
-    for (size_t i = 0; i < dynamics.links.size(); ++i) {
-      const ArticulationDynamics::Link &link = dynamics.links[i];
-      if (link.type == ArticulationDynamics::JointType::Fixed) continue;
+    tree_table->forget(tree);
+    if (joint_rows) remember_coordinates();
+    take_base_pose();
+    for (int i = 0; i < tree->links; ++i) {
+      const Tree::Link &link = tree->link[i];
+      if (link.type == Tree::JointType::Fixed) continue;
       const btTransform &parent = members[link.parent].body->body.getWorldTransform();
       const btTransform &child = members[i + 1].body->body.getWorldTransform();
       const btTransform relative = parent.inverseTimes(child);
       if (link.ball >= 0) {
-        position.balls[link.ball] = relative.getRotation();
+        tree->balls[link.ball] = relative.getRotation();
         const btVector3 way = relative.getOrigin() - relative.getBasis() * link.arm - link.pivot;
-        for (int k = 0; k < link.sliding; ++k) position.q[link.coordinate + k] = way[k];
+        for (int k = 0; k < link.sliding; ++k) tree->q[link.coordinate + k] = way[k];
         continue;
       }
-      btScalar &q = position.q[link.coordinate];
-      if (link.type == ArticulationDynamics::JointType::Revolute) {
+      btScalar &q = tree->q[link.coordinate];
+      if (link.type == Tree::JointType::Revolute) {
         // The angle q whose rotation about the axis is nearest to R = turn(axis, q) * rest.
         const btMatrix3x3 turn = relative.getBasis().timesTranspose(link.rotation);
         const btVector3 twist(turn[2][1] - turn[1][2], turn[0][2] - turn[2][0], turn[1][0] - turn[0][1]);
@@ -550,405 +569,145 @@ void AmbArticulation::apply_set_state() {
     }
     close_couplings();
   }
-  dynamics.update_poses(position);
-  if (dynamics.fixed_base) {
-    rate.linear = members[0].body->body.getLinearVelocity();
-    rate.angular = members[0].body->body.getAngularVelocity();
+  if (has_fixed_base) {
+    *tree->base_linear = members[0].body->body.getLinearVelocity();
+    *tree->base_angular = members[0].body->body.getAngularVelocity();
   }
-  if (velocities_set) {
-    per_link[0].clear();
-    per_link[1].clear();
-    for (const Member &member : members) {
-      per_link[0].push_back(member.body->body.getLinearVelocity());
-      per_link[1].push_back(member.body->body.getAngularVelocity());
-    }
-    dynamics.project(per_link[0].data(), per_link[1].data(), rate);
+  Vector<btVector3> linear, angular;
+  for (size_t i = 0; velocities_set && i < members.size(); ++i) {
+    linear.push_back(members[i].body->body.getLinearVelocity());
+    angular.push_back(members[i].body->body.getAngularVelocity());
   }
-  dynamics.update_velocities(rate);
+  const auto given = [this](const Vector<btVector3> &all) { return velocities_set ? all.data() : nullptr; };
+  tree_table->settle(tree, given(linear), given(angular));
   poses_set = velocities_set = false;
   write_proxies();
 }
 
 void AmbArticulation::write_proxies() {
-  for (size_t i = dynamics.fixed_base ? 1 : 0; i < members.size(); ++i) {
+  for (size_t i = has_fixed_base ? 1 : 0; i < members.size(); ++i) {
     AmbBody &body = *members[i].body;
-    const btTransform pose = transform_of(dynamics, i);
+    const btTransform pose(tree->rotations[i], tree->origins[i]);
     body.body.setWorldTransform(pose);
-    body.body.setLinearVelocity(dynamics.linear[i]);
-    body.body.setAngularVelocity(dynamics.angular[i]);
+    body.body.setLinearVelocity(tree->linear[i]);
+    body.body.setAngularVelocity(tree->angular[i]);
     body.motion.setWorldTransform(pose);
     members[i].collider->setWorldTransform(pose);
     members[i].collider->setInterpolationWorldTransform(pose);
   }
 }
 
-void AmbArticulation::integrate_free_motion(btScalar h) {
-  if (dynamics.fixed_base) follow_base();
-  dynamics.state.by_euler = engine_of(world).trees_by_euler;
-  if (engine_of(world).ledger.enabled) begin_account();
-  for (size_t i = dynamics.fixed_base ? 1 : 0; i < members.size(); ++i) {
-    ArticulationDynamics::Body &body = dynamics.bodies[i];
-    const btRigidBody &proxy = members[i].body->body;
-    body.force = proxy.getTotalForce() + proxy.getGravity() * body.mass;
-    body.torque = proxy.getTotalTorque();
+// Tells the tree what acts on its joints over the next h s.
+void AmbArticulation::give_joints(btScalar h) {
+  for (int i = 0; i < tree->links; ++i) {
+    if (tree->link[i].freedoms() != 1) continue;
+    const AmbConstraint &joint = *members[i + 1].joint;
+    Tree::Joint &given = tree->joint[i];
+    set_motor(given, joint, h);
+    given.armature = joint.motor.armature;
+    given.friction = joint.motor.friction;
+    given.max_rate = joint.motor.max_rate;
+    given.low = joint.motor.low;
+    given.high = joint.motor.high;
+    given.is_hinge = joint.kind == Kind::Hinge;
   }
-  if (has_feedback && engine_of(world).has_reactions) remember_momenta();
-  if (dynamics.fixed_base) take_base_velocity();
-  choose_springs(h);
-  // Motors and limits of coupled joints may contradict each other, which rows resolve.
-  const bool is_alone =
-      !has_contact && external_constraint_count == 0 && !has_wide_limits && !is_driven() && couplings.empty();
-  if (is_alone) {
-    joint_rows->plan_drives(h);
-    dynamics.step(h, position, rate, free_position, free_rate);
-    joint_rows->take_drives();
-    has_rows = false;
-    return_to_limits(h);
-    return;
-  }
-  joint_rows->plan_motors(h);
-  dynamics.step(h, position, rate, free_position, free_rate);
-  free_energy = dynamics.kinetic_energy();
-  free_internal_energy = dynamics.internal_energy();
-  joint_rows->plan_limits(h);
-  has_rows = joint_rows->any() || has_contact || external_constraint_count > 0 || is_driven();
 }
 
-// Plans the return of coordinates to limits that the free motion passes as a correction of positions, which does not move
-// the mass centre of a free base.
-void AmbArticulation::return_to_limits(btScalar h) {
-  if (!dynamics.way_to_limits(h, position, free_position, correction.q)) return;
-  is_corrected = true;
-  for (btScalar &q : correction.q) q /= h;
-  correction.angular.setZero();
-  correction.linear.setZero();
-  if (dynamics.fixed_base) return;
-  dynamics.update_poses(free_position);
-  dynamics.update_velocities(correction);
-  dynamics.set_momentum({}, dynamics.mass_centre(), correction);
+void AmbArticulation::move_freely(btScalar h) {
+  const EngineWorld &engine = engine_of(world);
+  if (has_fixed_base) follow_base();
+  *tree->circumstances = {engine.trees_by_euler, has_contact, external_constraint_count > 0, is_driven(), has_wide_limits,
+                          has_feedback && engine.has_reactions, engine.ledger.enabled, false};
+  for (size_t i = 0; i < members.size(); ++i) {
+    const btRigidBody &proxy = members[i].body->body;
+    tree->wrenches[i] = {proxy.getTotalForce(), proxy.getTotalTorque()};
+    tree->gravity[i] = proxy.getGravity();
+  }
+  tree->base->linear = members[0].body->body.getLinearVelocity();
+  tree->base->angular = members[0].body->body.getAngularVelocity();
+  give_joints(h);
+  if (has_wide_limits) joint_rows->give_wide_limits(h);
+  tree_table->move_freely(tree, h);
 }
 
 void AmbArticulation::prepare_rows(btScalar h) {
-  const btVector3 momentum = dynamics.linear_momentum();
-  dynamics.update_poses(position);
-  dynamics.update_velocities(free_rate);
-  row_velocity = free_rate.linear;
-  if (!dynamics.fixed_base) {
-    // The same rates give the mass centre another velocity where a light base turns fast relative to heavy links.
-    ArticulationDynamics::Rate start = free_rate;
-    start.linear += (momentum - dynamics.linear_momentum()) / dynamics.mass();
-    row_velocity = start.linear;
-    dynamics.update_velocities(start);
-  }
-  unsolved_energy = dynamics.internal_energy();
-  is_tangential = unsolved_energy > MAX_CONTRAST * std::max(dynamics.state.start_energy, free_internal_energy);
-  if (is_tangential) {
-    free_internal_energy = dynamics.tangential_step(h, position, rate, free_position, free_rate);
-    dynamics.update_poses(position);
-    dynamics.update_velocities(free_rate);
-    unsolved_energy = dynamics.internal_energy();
-    row_velocity = free_rate.linear;
-    free_energy = dynamics.kinetic_energy();
-  }
-  dynamics.factor_inertia();
-  row_rate = free_rate;
-  row_rate.linear = row_velocity;
-  is_fed = joint_rows->rates_by_limits(fed);
-  if (is_fed) {
-    subtract(row_rate, fed);
-    dynamics.update_velocities(row_rate);
-  }
+  tree_table->prepare_rows(tree, h);
   // The velocity of the btMultiBody is the sum of the changes by all rows.
   multi_body->clearVelocities();
 }
 
-bool AmbArticulation::had_impulses() const {
-  auto any = [](const btVector3 &v) { return !v.isZero(); };
-  for (int i = 0; i < multi_body->getNumLinks(); ++i) {
-    const btMultibodyLink &link = multi_body->getLink(i);
-    if (any(link.m_appliedConstraintForce) || any(link.m_appliedConstraintTorque)) return true;
+void AmbArticulation::finish(btScalar h) {
+  for (size_t i = 1; *tree->has_rows && i < members.size(); ++i) {
+    const btMultibodyLink &link = multi_body->getLink(static_cast<int>(i) - 1);
+    tree->applied[i] = {link.m_appliedConstraintForce, link.m_appliedConstraintTorque};
   }
-  return joint_rows->hit_limit();
-}
-
-void AmbArticulation::integrate(btScalar h) {
-  // The change of the rates by rows was solved at the old position; at the new position the same rates have another
-  // momentum. The momentum of an articulation with a free base changes by forces and impulses only: it is computed at
-  // the old position and restored at the new one.
-  const bool keeps_momentum = has_rows && !dynamics.fixed_base;
-  RowMotion motion;
-  if (has_rows) {
-    motion = move_by_rows(h);
-  } else {
-    std::swap(position, free_position);
-    std::swap(rate, free_rate);
-  }
-  const bool is_accounted = engine_of(world).ledger.enabled;
-  if (is_corrected && is_accounted) book_correction(h);
-  if (is_corrected) dynamics.advance_position(position, h, correction);
-  // The free motion ends with the poses and velocities of its bodies.
-  bool is_elsewhere = has_rows || is_corrected || !couplings.empty();
-  is_corrected = false;
-  for (size_t i = 0; i < couplings.size(); ++i) {
-    const ArticulationDynamics::CoupledCoordinate *const terms = dynamics.coupling(i);
-    const auto coordinate = [&](size_t k) -> btScalar & { return position.q[terms[k].coordinate]; };
-    coordinate(0) = couplings[i]->wanted(coordinate);
-  }
-  if (dynamics.fixed_base) {
+  if (has_fixed_base) {
     // It has been moved.
     const btRigidBody &base = members[0].body->body;
-    is_elsewhere = is_elsewhere || dynamics.is_carried() || differ(base.getWorldTransform(), base_pose);
-    base_pose = base.getWorldTransform();
-    position.origin = base_pose.getOrigin();
-    position.rotation = base_pose.getRotation();
-    rate.linear = base.getLinearVelocity();
-    rate.angular = base.getAngularVelocity();
+    tree->circumstances->is_moved = differ(base.getWorldTransform(), base_pose);
+    if (tree->circumstances->is_moved) take_base_pose();
+    tree->base->linear = base.getLinearVelocity();
+    tree->base->angular = base.getAngularVelocity();
   }
-  if (is_elsewhere) {
-    dynamics.update_poses(position);
-    dynamics.update_velocities(rate);
-  }
-  if (keeps_momentum) dynamics.set_momentum(motion.momentum, dynamics.mass_centre(), rate);
-  limit_energy(motion.energy_limit, motion.momentum);
-  // Rows are linear in the motion, and turns of radians in a sub-step are not. Without rows the equations of motion resolve
-  // them by parts of the sub-step, and only what no torque causes is too fast.
-  dynamics.bound_rotation(rate, has_rows ? SIMD_HALF_PI / h : dynamics.state.start_rotation + SIMD_HALF_PI / h);
-  if (is_accounted) end_account(h, motion.is_straight);
-  if (has_feedback && engine_of(world).has_reactions) write_feedback(h);
+  tree_table->finish(tree, h, multi_body->getVelocityVector(), joint_rows->impulses());
+  if (tree->circumstances->is_accounted) engine_of(world).ledger.take(*tree->sums);
+  if (tree->circumstances->has_reactions) write_feedback();
   write_proxies();
 }
 
-// Adds the impulses of the rows to the rates, and moves the position by them.
-AmbArticulation::RowMotion AmbArticulation::move_by_rows(btScalar h) {
-  RowMotion motion;
-  if (is_tangential) std::swap(rate, mean_rate);
-  dynamics.rates_of(multi_body->getVelocityVector(), change);
-  if (is_fed) subtract(change, fed);
-  rate.angular = free_rate.angular + change.angular;
-  rate.linear = row_velocity + change.linear;
-  for (int i = 0; i < dynamics.coordinates; ++i) rate.q[i] = free_rate.q[i] + change.q[i];
-  dynamics.update_poses(position);
-  dynamics.update_velocities(rate);
-  motion.is_straight = has_contact || external_constraint_count > 0 || had_impulses();
-  const btScalar turn = dynamics.fastest_rotation(rate) * h;
-  motion.energy_limit = energy_limit_of_rows(dynamics.internal_energy(), turn, motion.is_straight);
-  if (is_tangential) {
-    const btScalar internal = dynamics.internal_energy(), explained = internal - unexplained_energy(h);
-    motion.energy_limit = std::min(motion.energy_limit, std::max(explained, btScalar(0)));
-  }
-  // Share of the sub-step for which the rows move the position.
-  const btScalar followed = !motion.is_straight ? btScalar(0.5) : turn > SIMD_HALF_PI ? FAST_TURN / turn : 1;
-  if (dynamics.fixed_base) {
-    advance_by_rows(h, followed, motion.is_straight);
-    return motion;
-  }
-  // The momentum is taken about the mass centre, which is not at the same place in both positions.
-  const btVector3 old_centre = dynamics.mass_centre();
-  const btScalar mass = dynamics.mass();
-  dynamics.update_velocities(change);
-  const ArticulationDynamics::Momentum by_rows = dynamics.momentum(old_centre);
-  dynamics.update_poses(is_tangential ? position : free_position);
-  dynamics.update_velocities(free_rate);
-  motion.momentum = dynamics.momentum(dynamics.mass_centre());
-  motion.momentum.linear += by_rows.linear;
-  motion.momentum.angular += by_rows.angular;
-  // Mass centre at the new position, which momenta imply, too.
-  const bool has_centre = followed == 1 || !is_tangential;
-  const btVector3 centre = followed == 1 ? old_centre + motion.momentum.linear * (h / mass)
-                                         : dynamics.mass_centre() + by_rows.linear * (h * followed / mass);
-  advance_by_rows(h, followed, motion.is_straight);
-  if (has_centre) {
-    dynamics.update_poses(position);
-    position.origin += centre - dynamics.mass_centre();
-  }
-  return motion;
+void AmbArticulation::note_energy() {
+  for (size_t i = 0; i < members.size(); ++i) tree->gravity[i] = members[i].body->body.getGravity();
+  tree_table->note_energy(tree);
 }
 
-// Kinetic energy, J, that the sub-step adds at the old position beyond that at its beginning and the work of forces and
-// impulses, which is that at the mean of the velocities at its beginning, which `mean_rate` has before, and of the present
-// ones. Forces that bound the accelerations of the free motion do no work here: where links turn by radians they would
-// otherwise add energy.
-btScalar AmbArticulation::unexplained_energy(btScalar h) {
-  const auto energy = [this] { return dynamics.fixed_base ? dynamics.internal_energy() : dynamics.kinetic_energy(); };
-  const btScalar present = energy();
-  dynamics.update_velocities(mean_rate);
-  const btScalar before = energy();
-  mean_rate.angular = (mean_rate.angular + rate.angular) / 2;
-  mean_rate.linear = (mean_rate.linear + rate.linear) / 2;
-  for (int k = 0; k < dynamics.coordinates; ++k) mean_rate.q[k] = (mean_rate.q[k] + rate.q[k]) / 2;
-  dynamics.update_velocities(mean_rate);
-  dynamics.coordinates_of(mean_rate, mean_velocity.data());
-  dynamics.coordinates_of(change, changed_velocity.data());
-  btScalar work = dynamics.work_at_rate(h, position, mean_rate);
-  for (size_t k = 0; k < mean_velocity.size(); ++k) work += mean_velocity[k] * changed_velocity[k];
-  dynamics.update_velocities(rate);
-  // Coriolis forces exchange a part of the energy at the beginning with what the change of the position does.
-  return present - 2 * before - work;
+MechanicalEnergy AmbArticulation::energy() const {
+  return {tree->energy->kinetic, tree->energy->potential, tree->energy->elastic};
 }
 
-// Largest internal energy at the new position, J. solved: with the rates that rows leave, at the old position, with whose
-// inertia they were solved; there rows add no energy but the work of motors.
-btScalar AmbArticulation::energy_limit_of_rows(btScalar solved, btScalar turn, bool is_straight) const {
-  const btScalar unsolved = unsolved_energy, there = free_internal_energy;
-  // If rows removed a share of the energy at the old position, the same share is removed at the new one, where
-  // inertias may be very different; if they added energy, the same amount is added, or the same share if that is
-  // less.
-  btScalar limit = solved < unsolved || unsolved > there ? there * (solved / unsolved) : there + (solved - unsolved);
-  // Also where it is not a number.
-  if (!(turn <= FAST_TURN)) return limit;
-  limit *= 1 + turn * turn * turn;
-  // The work of forces that are constant over the sub-step differs by its second order from that at the old position.
-  return is_straight ? limit : limit + btFabs(solved - unsolved);
+AmbArticulation &articulation_of(const btMultiBody &multi_body) {
+  return *static_cast<AmbArticulation *>(multi_body.getUserPointer());
 }
 
-// Moves the position by the free motion and, for the share `followed` of the sub-step, by the change of the rates.
-void AmbArticulation::advance_by_rows(btScalar h, btScalar followed, bool is_straight) {
-  // Impulses of contacts, limits and external constraints act from the beginning of the sub-step, so that no link
-  // penetrates further.
-  if (is_straight && followed == 1) return dynamics.advance_position(position, h, rate);
-  const auto follow_rate = [&](int k) {
-    free_position.q[k] = position.q[k] + h * (rate.q[k] - change.q[k] * followed);
-  };
-  // Rows that turn links of next to no inertia are not linear, and poses follow them as far as they are. The force of a
-  // stiff spring is a row, without which the free motion strains it.
-  // Forces of motors are constant over the sub-step: their mean change of the rates is half of `change`. The implicit
-  // force of a spring that is at rest at the end of the sub-step acts on the rate there.
-  for (const ArticulationDynamics::Spring &spring : dynamics.springs) {
-    if (is_straight ? spring.is_stiff : spring.settles_in_a_step) follow_rate(spring.coordinate);
-  }
-  // Without the force of its limit a link slides out of what turns by radians, as far as it turns.
-  for (size_t i = 1; is_straight && i < members.size(); ++i) {
-    const ArticulationDynamics::Link &link = dynamics.links[i - 1];
-    if (link.sliding == 0 || !joint_rows->hit_sliding_limit(i)) continue;
-    for (int k = link.coordinate; k < link.coordinate + link.sliding; ++k) {
-      const btScalar way = free_position.q[k] + h * followed * change.q[k] - position.q[k];
-      if (btFabs(way) > btFabs(h * rate.q[k])) follow_rate(k);
-    }
-  }
-  position = free_position;
-  dynamics.advance_position(position, h * followed, change);
-}
+double free_energy(const btMultiBody &multi_body) { return *articulation_of(multi_body).tree->free_energy; }
 
-// Limits the internal energy at the new position by scaling the rates of the coordinates and, if restoring the momentum
-// of a free base raises the energy again, all motion relative to the centre of mass.
-void AmbArticulation::limit_energy(btScalar most, const ArticulationDynamics::Momentum &momentum) {
-  if (most >= BT_LARGE_FLOAT) return;
-  btScalar energy = dynamics.internal_energy();
-  if (!(energy > most)) return;
-  const btScalar share = btSqrt(most / energy);
-  for (btScalar &q : rate.q) q *= share;
-  dynamics.update_velocities(rate);
-  if (dynamics.fixed_base) return;
-  dynamics.set_momentum(momentum, dynamics.mass_centre(), rate);
-  energy = dynamics.internal_energy();
-  if (!(energy > most)) return;
-  dynamics.scale_internal_velocity(btSqrt(std::max(most, btScalar(0)) / energy), rate);
-  dynamics.update_velocities(rate);
-}
-
-double free_energy(const btMultiBody &multi_body) {
-  return static_cast<const AmbArticulation *>(multi_body.getUserPointer())->free_energy;
-}
-
-AmbBody &first_link_of(const btMultiBody &multi_body) {
-  return *static_cast<const AmbArticulation *>(multi_body.getUserPointer())->members[1].body;
-}
+AmbBody &first_link_of(const btMultiBody &multi_body) { return *articulation_of(multi_body).members[1].body; }
 
 btScalar set_correction(btMultiBody &multi_body, const double *velocities, btScalar most_turned) {
-  AmbArticulation &articulation = *static_cast<AmbArticulation *>(multi_body.getUserPointer());
-  articulation.dynamics.rates_of(velocities, articulation.correction);
-  articulation.is_corrected = true;
-  btScalar fastest = articulation.correction.angular.length() / most_turned;
-  fastest = std::max(fastest, articulation.correction.linear.length() / MAX_CORRECTION_SPEED);
-  for (const ArticulationDynamics::Link &link : articulation.dynamics.links) {
-    for (int k = 0; k < link.freedoms(); ++k) {
-      const btScalar most = k < link.sliding ? MAX_CORRECTION_SPEED : most_turned;
-      fastest = std::max(fastest, btFabs(articulation.correction.q[link.coordinate + k]) / most);
-    }
-  }
-  return fastest;
+  return tree_table->set_correction(articulation_of(multi_body).tree, velocities, most_turned);
 }
 
 void scale_correction(btMultiBody &multi_body, btScalar factor) {
-  AmbArticulation &articulation = *static_cast<AmbArticulation *>(multi_body.getUserPointer());
-  articulation.correction.angular *= factor;
-  articulation.correction.linear *= factor;
-  for (btScalar &q : articulation.correction.q) q *= factor;
+  tree_table->scale_correction(articulation_of(multi_body).tree, factor);
 }
 
-void AmbArticulation::remember_momenta() {
-  const size_t n = members.size();
-  momenta.resize(n);
-  angular_momenta.resize(n);
-  velocities = dynamics.linear;
-  angular_velocities = dynamics.angular;
-  for (size_t i = 0; i < n; ++i) {
-    momenta[i] = dynamics.linear[i] * dynamics.bodies[i].mass;
-    angular_momenta[i] = dynamics.angular_momentum(i);
+void read_rates(const btMultiBody &multi_body, Vector<btScalar> &start, Vector<btScalar> &free) {
+  const Tree &tree = *articulation_of(multi_body).tree;
+  start.resize(tree.velocities());
+  free.resize(tree.velocities());
+  tree_table->read_rates(&tree, start.data(), free.data());
+}
+
+// Writes the reactions of joints and of springs beside them.
+void AmbArticulation::write_feedback() {
+  const auto arm = [this](size_t i) { return tree->origins[i] - tree->origins[tree->link[i - 1].parent]; };
+  for (size_t i = 1; i < members.size(); ++i) write_wrench(*members[i].joint, i, tree->reactions[i], arm(i));
+  for (size_t s = 0; s < springs.size(); ++s) {
+    const size_t i = springs[s].link + 1;
+    if (springs[s].constraint == members[i].joint) continue;
+    write_wrench(*springs[s].constraint, i, tree->spring_reactions[s], arm(i));
   }
 }
 
-// Joint reaction wrenches over the sub-step: for each subtree, the change of momentum minus the impulses of all
-// external forces, divided by h; summed from the leaves to the base.
-void AmbArticulation::write_feedback(btScalar h) {
-  const size_t n = members.size();
-  const btVector3 zero(0, 0, 0);
-  auto &[forces, torques] = per_link;
-  forces.assign(n, zero);
-  torques.assign(n, zero);
-  for (size_t i = n; i-- > 0;) {
-    const ArticulationDynamics::Body &body = dynamics.bodies[i];
-    const btVector3 velocity = (velocities[i] + dynamics.linear[i]) / 2;
-    const btVector3 momentum = (angular_momenta[i] + dynamics.angular_momentum(i)) / 2;
-    btVector3 outside = body.force - velocity * (body.mass * body.linear_drag);
-    btVector3 twist = body.torque - momentum * body.angular_drag;
-    if (has_rows && i > 0) {
-      outside += multi_body->getLink(i - 1).m_appliedConstraintForce;
-      twist += multi_body->getLink(i - 1).m_appliedConstraintTorque;
-    }
-    forces[i] += (dynamics.linear[i] * body.mass - momenta[i]) / h - outside;
-    torques[i] += (dynamics.angular_momentum(i) - angular_momenta[i]) / h - twist;
-    if (i == 0) continue;
-    const int parent = dynamics.links[i - 1].parent;
-    const btVector3 arm = dynamics.origins[i] - dynamics.origins[parent];
-    forces[parent] += forces[i];
-    torques[parent] += torques[i] + arm.cross(forces[i]);
-    btVector3 force = forces[i], torque = torques[i];
-    for (size_t s = 0; s < springs.size(); ++s) {
-      AmbConstraint &constraint = *springs[s].constraint;
-      if (springs[s].link + 1 != i || &constraint == members[i].joint) continue;
-      const ArticulationDynamics::Link &link = dynamics.links[i - 1];
-      const btVector3 axis = dynamics.rotations[parent] * link.axis * spring_effort(s, h);
-      const bool is_angle = link.type == ArticulationDynamics::JointType::Revolute;
-      const btVector3 push = is_angle ? zero : axis;
-      // Torque about the child's centre of mass of a force at the child's end of the joint.
-      const btVector3 twist = is_angle ? axis : axis.cross(dynamics.rotations[i] * link.arm);
-      write_wrench(constraint, i, push, twist, arm);
-      force -= push;
-      torque -= twist;
-    }
-    write_wrench(*members[i].joint, i, force, torque, arm);
-  }
-}
-
-// Writes the joint reaction wrench on link i about its centre of mass, and the opposite wrench on its parent. `arm`
+// Writes the wrench of a joint or spring on link i about its centre of mass, and the opposite wrench on its parent. `arm`
 // leads from the parent's centre of mass to that of the link, m.
-void AmbArticulation::write_wrench(const AmbConstraint &constraint, size_t i, const btVector3 &force,
-                                   const btVector3 &torque, const btVector3 &arm) {
+void AmbArticulation::write_wrench(const AmbConstraint &constraint, size_t i, const Tree::Wrench &wrench, const btVector3 &arm) {
   if (!constraint.feedback) return;
   const bool child_is_b = &second_of(constraint) == members[i].body;
   btJointFeedback &feedback = *constraint.feedback;
-  (child_is_b ? feedback.m_appliedForceBodyB : feedback.m_appliedForceBodyA) = force;
-  (child_is_b ? feedback.m_appliedTorqueBodyB : feedback.m_appliedTorqueBodyA) = torque;
-  (child_is_b ? feedback.m_appliedForceBodyA : feedback.m_appliedForceBodyB) = -force;
-  (child_is_b ? feedback.m_appliedTorqueBodyA : feedback.m_appliedTorqueBodyB) = -(torque + arm.cross(force));
-}
-
-btScalar AmbArticulation::spring_effort(size_t index, btScalar h) const {
-  const ArticulationDynamics::Spring &spring = dynamics.springs[index];
-  if (spring.is_stiff) return joint_rows->spring_impulse(index) / h;
-  const int i = spring.coordinate;
-  return -spring.sign * spring.stiffness * spring.displacement(position.q[i]) - spring.damping * rate.q[i];
+  (child_is_b ? feedback.m_appliedForceBodyB : feedback.m_appliedForceBodyA) = wrench.force;
+  (child_is_b ? feedback.m_appliedTorqueBodyB : feedback.m_appliedTorqueBodyA) = wrench.torque;
+  (child_is_b ? feedback.m_appliedForceBodyA : feedback.m_appliedForceBodyB) = -wrench.force;
+  (child_is_b ? feedback.m_appliedTorqueBodyA : feedback.m_appliedTorqueBodyB) = -(wrench.torque + arm.cross(wrench.force));
 }
 
 void AmbArticulation::clear_forces() {
@@ -975,9 +734,9 @@ LinkDrive &AmbArticulation::drive_of(AmbBody &link) {
 
 btScalar AmbArticulation::coordinate(const AmbConstraint &joint, btScalar *speed) {
   apply_set_state();
-  const int coordinate = dynamics.links[joint.link - 1].coordinate;
-  if (speed) *speed = coordinate < 0 ? 0 : rate.q[coordinate];
-  return coordinate < 0 ? 0 : position.q[coordinate];
+  const int coordinate = tree->link[joint.link - 1].coordinate;
+  if (speed) *speed = coordinate < 0 ? 0 : tree->rates[coordinate];
+  return coordinate < 0 ? 0 : tree->q[coordinate];
 }
 
 extern "C" {

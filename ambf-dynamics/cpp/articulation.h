@@ -2,15 +2,13 @@
 //
 // Each link keeps its btRigidBody as a proxy outside the world: getters read the proxy; setters write it and mark the
 // articulation, and `apply_set_state` maps the poses and velocities of the proxies to generalised coordinates before
-// the next sub-step. Kinematics and dynamics are computed by ArticulationDynamics; a btMultiBody represents the
-// articulation in Bullet's solver, islands and colliders only.
+// the next sub-step. How it moves is in Rust, see articulation_tree.h; a btMultiBody represents the articulation in Bullet's
+// solver, islands and colliders only.
 #ifndef AMB_ARTICULATION_H
 #define AMB_ARTICULATION_H
 
 #include "engine.h"
-#include "articulation_dynamics.h"
-
-#include <array>
+#include "articulation_tree.h"
 
 #include <BulletDynamics/Featherstone/btMultiBody.h>
 #include <BulletDynamics/Featherstone/btMultiBodyDynamicsWorld.h>
@@ -43,8 +41,6 @@ struct AmbArticulation {
   struct Spring {
     AmbConstraint *constraint;
     size_t link;
-    // Limits of the joint coordinate by the spring's own limits, rad or m; low > high: none.
-    btScalar low, high;
   };
 
   AmbArticulation(AmbWorld &owner, AmbBody &base, AmbConstraint *const *joints, int n, AmbConstraint *const *springs,
@@ -54,11 +50,11 @@ struct AmbArticulation {
   // Projects poses and velocities that were set on the bodies onto the generalised coordinates.
   void apply_set_state();
   // Computes the motion over the next sub-step of h s without constraint rows, and the rows of the joints.
-  void integrate_free_motion(btScalar h);
+  void move_freely(btScalar h);
   // Prepares the creation of rows: poses are those at the beginning of the sub-step, velocities those of the free
   // motion.
   void prepare_rows(btScalar h);
-  void integrate(btScalar h);
+  void finish(btScalar h);
   void clear_forces();
   // Takes over the mass, moments, damping and surface of a link.
   void body_changed(const AmbBody &body);
@@ -69,107 +65,46 @@ struct AmbArticulation {
   btScalar coordinate(const AmbConstraint &joint, btScalar *speed = nullptr);
   // The drive of a link, which is created if it has none.
   LinkDrive &drive_of(AmbBody &link);
+  // For the energy ledger, when it is started.
+  MechanicalEnergy energy() const;
+  void note_energy();
 
   AmbWorld &world;
-  ArticulationDynamics dynamics;
+  const bool has_fixed_base;
+  Tree *tree = nullptr;
   Vector<Member> members;
-  // In the order of dynamics.springs.
+  // In the order of those of the tree.
   Vector<Spring> springs;
-  // In the order of the couplings of `dynamics`.
+  // In the order of the couplings of the tree.
   Vector<AmbCoupling *> couplings;
   std::unique_ptr<btMultiBody> multi_body;
   std::unique_ptr<JointRows> joint_rows;
-  ArticulationDynamics::Position position;
-  ArticulationDynamics::Rate rate;
-  // State at the end of the sub-step without constraint rows.
-  ArticulationDynamics::Position free_position;
-  ArticulationDynamics::Rate free_rate;
-  // Kinetic energy of that motion, J, and its internal energy at the end and, with the same rates, at the beginning of
-  // the sub-step.
-  btScalar free_energy = 0, free_internal_energy = 0, unsolved_energy = 0;
-  // Velocity of a free base with which rows act at the beginning of the sub-step, m/s: that of `free_rate`, such that the
-  // linear momentum is that after the free motion.
-  btVector3 row_velocity{0, 0, 0};
-  // Rates with which rows act: those of the free motion without what the fed-forward impulses of limits changed, `fed`.
-  ArticulationDynamics::Rate row_rate, fed;
-  bool is_fed = false;
-  // Whether the free motion of this sub-step is along the tangent.
-  bool is_tangential = false;
-  // Pseudo-velocity of the position correction: moves the articulation in this sub-step and does not change its rates.
-  ArticulationDynamics::Rate correction;
-  bool is_corrected = false;
-  // Change of the rates by the constraint impulses of this sub-step.
-  ArticulationDynamics::Rate change;
-  // See `unexplained_energy`; velocities as ArticulationDynamics::coordinates_of.
-  ArticulationDynamics::Rate mean_rate;
-  Vector<btScalar> mean_velocity, changed_velocity;
   bool poses_set = false;
   bool velocities_set = false;
   // A link has contacts in this sub-step.
   bool has_contact = false;
-  bool has_rows = false;
   int external_constraint_count = 0;
-  // For the energy ledger, which calls note_energy when it is enabled: energy after the last sub-step, and time by
-  // which the poses are ahead of the velocities, s.
-  void note_energy();
-  MechanicalEnergy energy;
-  btScalar pose_lead = 0;
 
  private:
-  MechanicalEnergy energy_at_lead(btScalar by) const;
-  void begin_account();
-  void book_correction(btScalar h);
-  void end_account(btScalar h, bool is_straight);
+  void make_tree(AmbConstraint *const *joints, int n, int n_parallel);
   void add_spring(AmbConstraint &constraint, size_t link, bool is_joint);
   void add_damper(AmbConstraint &joint, size_t link);
-  void take_couplings();
   void remember_coordinates();
   void close_couplings();
-  void choose_springs(btScalar h);
   void follow_base();
-  void take_base_velocity();
+  void take_base_pose();
   void write_proxies();
-  void return_to_limits(btScalar h);
-  bool had_impulses() const;
+  void give_joints(btScalar h);
   bool is_driven() const;
-  // What a sub-step with rows leaves to be restored at the new position: the momentum of a free base about the mass
-  // centre, and the largest internal energy, J; and whether the impulses act from the beginning of the sub-step.
-  struct RowMotion {
-    ArticulationDynamics::Momentum momentum;
-    btScalar energy_limit = BT_LARGE_FLOAT;
-    bool is_straight = false;
-  };
-  RowMotion move_by_rows(btScalar h);
-  btScalar energy_limit_of_rows(btScalar solved, btScalar turn, bool is_straight) const;
-  void advance_by_rows(btScalar h, btScalar followed, bool is_straight);
-  void limit_energy(btScalar most, const ArticulationDynamics::Momentum &momentum);
-  btScalar unexplained_energy(btScalar h);
-  void remember_momenta();
-  void write_feedback(btScalar h);
-  void write_wrench(const AmbConstraint &constraint, size_t member, const btVector3 &force, const btVector3 &torque,
-                    const btVector3 &arm);
-  btScalar spring_effort(size_t index, btScalar h) const;
+  void write_feedback();
+  void write_wrench(const AmbConstraint &constraint, size_t member, const Tree::Wrench &wrench, const btVector3 &arm);
 
-  // State at the beginning of the sub-step, if the energy ledger is enabled.
-  struct Start {
-    ArticulationDynamics::Position position;
-    ArticulationDynamics::Rate rate;
-    Vector<btVector3> origins, linear, angular;
-    // Power of the angular damping, W.
-    btScalar drag = 0;
-    // Change by position corrections of the elastic energy of stiff springs, whose damping work is computed from their
-    // rows, J.
-    btScalar corrected = 0;
-  };
-
-  Start start;
+  // Memory of the tree.
+  void *blocks = nullptr;
   btTransform base_pose;
   bool has_feedback = false;
   // A joint has limits of more than one coordinate.
   bool has_wide_limits = false;
-  Vector<btVector3> momenta, angular_momenta, velocities, angular_velocities;
-  // Linear and angular quantities of the links while they are computed; members so that nothing is allocated in a step.
-  std::array<Vector<btVector3>, 2> per_link;
 };
 
 // A world with articulations.

@@ -3,15 +3,12 @@
 #include "articulation_rows.h"
 
 const AmbMlcpTable *mlcp_table = nullptr;
+const TreeTable *tree_table = nullptr;
 
 namespace {
 
 // Maximum number of contacts of a pair of bodies with rows of rolling and spinning friction.
 constexpr int ROLLING_CONTACTS = 4;
-
-AmbArticulation &articulation_of(const btMultiBody &multi_body) {
-  return *static_cast<AmbArticulation *>(multi_body.getUserPointer());
-}
 
 void clear(btMultiBodySolverConstraint &row) {
   const btVector3 zero(0, 0, 0);
@@ -28,42 +25,6 @@ void clear(btMultiBodySolverConstraint &row) {
   row.m_upperLimit = BT_LARGE_FLOAT;
 }
 
-// Appends a Jacobian of zeros for one side of a row that acts on an articulation, and returns it.
-btScalar *begin_side(btMultiBodySolverConstraint &row, int side, AmbArticulation &articulation, int link,
-                     btMultiBodyJacobianData &data) {
-  btMultiBody &multi_body = *articulation.multi_body;
-  const int n = static_cast<int>(articulation.dynamics.velocity_size()), at = data.m_jacobians.size();
-  int velocity = multi_body.getCompanionId();
-  if (velocity < 0) {
-    velocity = data.m_deltaVelocities.size();
-    multi_body.setCompanionId(velocity);
-    data.m_deltaVelocities.resize(velocity + n, 0);
-  }
-  data.m_jacobians.resize(at + n, 0);
-  (side ? row.m_multiBodyB : row.m_multiBodyA) = &multi_body;
-  (side ? row.m_linkB : row.m_linkA) = link;
-  (side ? row.m_deltaVelBindex : row.m_deltaVelAindex) = velocity;
-  (side ? row.m_jacBindex : row.m_jacAindex) = at;
-  return &data.m_jacobians[at];
-}
-
-// Transforms the Jacobian of one side to the coordinates z, and returns this side's part of J M^-1 J^T.
-btScalar finish_side(const btMultiBodySolverConstraint &row, int side, const AmbArticulation &articulation,
-                     btMultiBodyJacobianData &data) {
-  const int n = static_cast<int>(articulation.dynamics.velocity_size()), at = side ? row.m_jacBindex : row.m_jacAindex;
-  articulation.dynamics.normalise(&data.m_jacobians[at]);
-  data.m_deltaVelocitiesUnitImpulse.resize(at + n);
-  // If both sides act on members of the same articulation, the mixed terms are added too.
-  const bool is_twice = side == 1 && row.m_multiBodyA == row.m_multiBodyB;
-  btScalar response = 0;
-  for (int k = 0; k < n; ++k) {
-    const btScalar q = data.m_jacobians[at + k];
-    data.m_deltaVelocitiesUnitImpulse[at + k] = q;
-    response += is_twice ? q * (q + 2 * data.m_jacobians[row.m_jacAindex + k]) : q * q;
-  }
-  return response;
-}
-
 }  // namespace
 
 btMultiBodySolverConstraint &EngineRows::new_row(btMultiBodyConstraintArray &rows, int index,
@@ -76,37 +37,39 @@ btMultiBodySolverConstraint &EngineRows::new_row(btMultiBodyConstraintArray &row
   return row;
 }
 
+int velocities_of(const AmbArticulation &articulation, btMultiBodyJacobianData &data) {
+  btMultiBody &multi_body = *articulation.multi_body;
+  int velocity = multi_body.getCompanionId();
+  if (velocity < 0) {
+    velocity = data.m_deltaVelocities.size();
+    multi_body.setCompanionId(velocity);
+    data.m_deltaVelocities.resize(velocity + articulation.tree->velocities(), 0);
+  }
+  return velocity;
+}
+
 RowMotion act_on_member(btMultiBodySolverConstraint &row, int side, AmbArticulation &articulation, int member,
                         const btVector3 &linear, const btVector3 &angular, btMultiBodyJacobianData &data) {
+  const Tree &tree = *articulation.tree;
+  const int n = tree.velocities(), velocity = velocities_of(articulation, data), at = data.m_jacobians.size();
   (side ? row.m_contactNormal2 : row.m_contactNormal1) = linear;
   (side ? row.m_relpos2CrossNormal : row.m_relpos1CrossNormal) = angular;
-  articulation.dynamics.add_jacobian(member, linear, angular, begin_side(row, side, articulation, member - 1, data));
+  (side ? row.m_multiBodyB : row.m_multiBodyA) = articulation.multi_body.get();
+  (side ? row.m_linkB : row.m_linkA) = member - 1;
+  (side ? row.m_deltaVelBindex : row.m_deltaVelAindex) = velocity;
+  (side ? row.m_jacBindex : row.m_jacAindex) = at;
+  data.m_jacobians.resize(at + n, 0);
+  tree_table->add_to_row(&tree, member, &linear, &angular, &data.m_jacobians[at]);
+  data.m_deltaVelocitiesUnitImpulse.resize(at + n);
+  // If both sides act on members of the same articulation, the mixed terms are added too.
+  const bool is_twice = side == 1 && row.m_multiBodyA == row.m_multiBodyB;
   RowMotion motion;
-  motion.velocity =
-      linear.dot(articulation.dynamics.linear[member]) + angular.dot(articulation.dynamics.angular[member]);
-  motion.response = finish_side(row, side, articulation, data);
-  return motion;
-}
-
-RowMotion act_on_coordinate(btMultiBodySolverConstraint &row, AmbArticulation &articulation, int coordinate,
-                            btMultiBodyJacobianData &data) {
-  begin_side(row, 0, articulation, -1, data)[6 + coordinate] = 1;
-  RowMotion motion;
-  motion.velocity = articulation.row_rate.q[coordinate];
-  motion.response = finish_side(row, 0, articulation, data);
-  return motion;
-}
-
-RowMotion act_between(btMultiBodySolverConstraint &row, AmbArticulation &articulation, size_t member,
-                      const btVector3 &force, const btVector3 &torque, btMultiBodyJacobianData &data) {
-  const ArticulationDynamics &dynamics = articulation.dynamics;
-  const ArticulationDynamics::Link &link = dynamics.links[member - 1];
-  btScalar *const side = begin_side(row, 0, articulation, -1, data);
-  dynamics.add_joint_jacobian(member, force, torque, side);
-  RowMotion motion;
-  for (int k = link.coordinate; k < link.coordinate + link.freedoms(); ++k)
-    motion.velocity += side[6 + k] * articulation.row_rate.q[k];
-  motion.response = finish_side(row, 0, articulation, data);
+  motion.velocity = linear.dot(tree.linear[member]) + angular.dot(tree.angular[member]);
+  for (int k = 0; k < n; ++k) {
+    const btScalar q = data.m_jacobians[at + k];
+    data.m_deltaVelocitiesUnitImpulse[at + k] = q;
+    motion.response += is_twice ? q * (q + 2 * data.m_jacobians[row.m_jacAindex + k]) : q * q;
+  }
   return motion;
 }
 
@@ -167,7 +130,7 @@ void ArticulationSolver::convert_link_contacts(btPersistentManifold &manifold, c
     if (const btMultiBodyLinkCollider *collider = btMultiBodyLinkCollider::upcast(&object)) {
       side.articulation = &articulation_of(*collider->m_multiBody);
       side.member = collider->m_link + 1;
-      side.center = side.articulation->dynamics.origins[side.member];
+      side.center = side.articulation->tree->origins[side.member];
     } else {
       side.id = getOrInitSolverBody(object, h);
       side.center = m_tmpSolverBodyPool[side.id].getWorldTransform().getOrigin();

@@ -1,7 +1,7 @@
 // The solver of a world with articulations. C++ only.
 //
 // It uses Bullet's arrays of rows, their order in a sub-step, and Bullet's write-back of impulses. The velocities of
-// articulations are in the coordinates z of ArticulationDynamics::factor_inertia, in which the inertia is the identity:
+// articulations are in coordinates z in which the inertia is the identity, see src/aba/coupling.rs:
 // the response to an impulse is then the row of the Jacobian. Bullet's kinematics and dynamics of articulations are not
 // used.
 #ifndef AMB_ARTICULATION_SOLVER_H
@@ -52,16 +52,12 @@ struct RowMotion {
   btScalar velocity = 0, response = 0;
 };
 
+// Index of the velocities z of an articulation in the arrays of the solver, where they get a place.
+int velocities_of(const AmbArticulation &articulation, btMultiBodyJacobianData &data);
 // Sets side 0 or 1 of a row to act on a member of an articulation, with a linear impulse at its centre of mass and an
 // angular impulse.
 RowMotion act_on_member(btMultiBodySolverConstraint &row, int side, AmbArticulation &articulation, int member,
                         const btVector3 &linear, const btVector3 &angular, btMultiBodyJacobianData &data);
-// Sets side 0 of a row to act on a coordinate of an articulation.
-RowMotion act_on_coordinate(btMultiBodySolverConstraint &row, AmbArticulation &articulation, int coordinate,
-                            btMultiBodyJacobianData &data);
-// Sets side 0 of a row to act between a member and its parent, with a force at the member's centre of mass and a torque.
-RowMotion act_between(btMultiBodySolverConstraint &row, AmbArticulation &articulation, size_t member,
-                      const btVector3 &force, const btVector3 &torque, btMultiBodyJacobianData &data);
 // Sets side 0 or 1 of a row to act on a rigid body, which may be static.
 RowMotion act_on_body(btMultiBodySolverConstraint &row, int side, int id, const btVector3 &linear,
                       const btVector3 &angular, const btAlignedObjectArray<btSolverBody> &bodies);
@@ -106,6 +102,7 @@ class ArticulationSolver : public btMultiBodyConstraintSolver {
                         const btVector3 &angular, btScalar friction, btScalar guess, const btContactSolverInfo &info);
 };
 
+AmbArticulation &articulation_of(const btMultiBody &multi_body);
 // Stores the pseudo-velocity z of an articulation for its position correction in this sub-step. Returns the largest
 // multiple of MAX_CORRECTION_SPEED or, of what turns, `most_turned` (rad/s) in its coordinates.
 btScalar set_correction(btMultiBody &multi_body, const double *velocities, btScalar most_turned);

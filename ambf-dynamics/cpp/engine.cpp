@@ -1,6 +1,7 @@
 #include "engine.h"
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 
 #include "engine_solvers.h"
@@ -208,6 +209,12 @@ void amb_world_set_energy_ledger(AmbWorld *world, int enabled) {
 void amb_world_energy(const AmbWorld *world, AmbEnergy *out) { *out = engine_of(*world).ledger.read(); }
 
 void amb_set_mlcp(const void *table) { mlcp_table = static_cast<const AmbMlcpTable *>(table); }
-void amb_set_aba(const void *table) { aba_table = static_cast<const AmbAbaTable *>(table); }
+void amb_set_trees(const void *table) {
+  tree_table = static_cast<const TreeTable *>(table);
+  assert(tree_table->sizes[0] == sizeof(Tree::Link) && tree_table->sizes[1] == sizeof(Tree::Body));
+  assert(tree_table->sizes[2] == sizeof(Tree::Spring) && tree_table->sizes[3] == sizeof(Tree::Joint));
+  assert(tree_table->sizes[4] == sizeof(Tree::Row) && tree_table->sizes[5] == sizeof(Tree::WideRow));
+  assert(tree_table->sizes[6] == sizeof(Tree::Circumstances) && tree_table->sizes[7] == sizeof(Tree));
+}
 
 }  // extern "C"

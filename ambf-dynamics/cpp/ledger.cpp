@@ -119,7 +119,7 @@ MechanicalEnergy EnergyLedger::free_bodies(EngineWorld &engine) const {
 MechanicalEnergy EnergyLedger::articulations(EngineWorld &engine) const {
   MechanicalEnergy sum;
   if (!engine.world.articulated) return sum;
-  for (const AmbArticulation *articulation : engine.world.articulated->articulations) sum += articulation->energy;
+  for (const AmbArticulation *articulation : engine.world.articulated->articulations) sum += articulation->energy();
   return sum;
 }
 

@@ -10,6 +10,7 @@
 #define AMB_LEDGER_H
 
 #include "arena_memory.h"
+#include "articulation_tree.h"
 
 #include <btBulletDynamicsCommon.h>
 
@@ -57,6 +58,18 @@ class EnergyLedger {
       case WorkKind::Contact: sums.contacts += work; break;
       case WorkKind::Friction: sums.friction += work; break;
     }
+  }
+
+  // Takes over the works of an articulation, which become 0.
+  void take(Tree::Sums &of) {
+    sums.set_states += of.set_states;
+    sums.corrections += of.corrections;
+    sums.contacts += of.contacts;
+    sums.wrenches += of.wrenches;
+    sums.damping += of.damping;
+    sums.motors += of.motors;
+    sums.limits += of.limits;
+    of = {};
   }
 
   bool enabled = false;

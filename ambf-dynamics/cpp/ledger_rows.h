@@ -11,7 +11,7 @@
 #include "soft_rows.h"
 #include "articulation_solver.h"
 
-// Writes the velocities z of an articulation (see ArticulationDynamics::factor_inertia) at the beginning of the
+// Writes the velocities z of an articulation (see articulation_solver.h) at the beginning of the
 // sub-step and after its free motion.
 void read_rates(const btMultiBody &multi_body, Vector<btScalar> &start, Vector<btScalar> &free);
 

@@ -166,7 +166,7 @@ impl World {
         // SAFETY: the tables are static and have the layouts that the headers beside them describe.
         unsafe {
             sys::amb_set_mlcp(std::ptr::from_ref(ambf_dynamics::mlcp::ffi::table()).cast());
-            sys::amb_set_aba(std::ptr::from_ref(ambf_dynamics::aba::ffi::table()).cast());
+            sys::amb_set_trees(std::ptr::from_ref(ambf_dynamics::aba::ffi::table()).cast());
         }
         // SAFETY: numbers that the enums of the shim have; the arena is this world's alone and goes after it; the
         // engine is static.

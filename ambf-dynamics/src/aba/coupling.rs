@@ -13,7 +13,7 @@ use super::Rate;
 const ROUNDING: f64 = 1e-10;
 
 /// A coordinate in a linear equation between rates: the sum of factors times rates is 0. The first of an equation is that of the
-/// follower, with the factor 1. As `ArticulationDynamics::CoupledCoordinate`.
+/// follower, with the factor 1.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct CoupledCoordinate {
@@ -66,6 +66,15 @@ impl Coupled<'_> {
             6
         } else {
             0
+        }
+    }
+
+    /// Gives followers the coordinates that their leaders ask for, rad or m.
+    pub fn close(&self, offsets: &[f64], q: &mut [f64]) {
+        for (index, offset) in offsets.iter().enumerate() {
+            let (follower, leaders) = self.equation(index).split_at(1);
+            let part = |sum: f64, term: &CoupledCoordinate| sum - term.factor * q[term.coordinate as usize];
+            q[follower[0].coordinate as usize] = leaders.iter().fold(*offset, part);
         }
     }
 

@@ -7,6 +7,8 @@
 //! drive (c = 0) prescribes the acceleration (target - v0) / h, as in Featherstone's hybrid dynamics (Rigid Body Dynamics Algorithms,
 //! 2008, section 9.2).
 
+use super::list::List;
+use super::rows::Row;
 use super::scalar::Scalar;
 use super::{Driven, Rate};
 
@@ -28,8 +30,7 @@ pub enum DriveState {
 }
 
 /// A motor, a stiff spring or a limit of a coordinate, which acts over the whole step: with the impulse x in it, N·m·s or N·s, the rate
-/// at its end is target - softness x, or x is one of its bounds. As `ArticulationDynamics::Drive`.
-#[repr(C)]
+/// at its end is target - softness x, or x is one of its bounds.
 #[derive(Debug, Clone, Copy)]
 pub struct Drive {
     coordinate: i32,
@@ -55,9 +56,7 @@ pub struct Drive {
     work: f64,
 }
 
-/// Limits of a coordinate and bounds of its rate that the step will not reach unless a rate more than doubles; infinite: none. As
-/// `ArticulationDynamics::DistantLimits`.
-#[repr(C)]
+/// Limits of a coordinate and bounds of its rate that the step will not reach unless a rate more than doubles; infinite: none.
 #[derive(Debug, Clone, Copy)]
 pub struct DistantLimits {
     pub(super) coordinate: i32,
@@ -70,22 +69,33 @@ pub struct DistantLimits {
     pub(super) forward: f64,
 }
 
+impl DistantLimits {
+    /// Those of a coordinate that has none.
+    pub(super) fn none(coordinate: usize, is_angle: bool) -> Self {
+        let (coordinate, none) = (coordinate as i32, INFINITE);
+        Self { coordinate, is_angle, below: none, above: none, backward: none, forward: none }
+    }
+
+    /// Whether there are some.
+    pub(super) fn any(&self) -> bool {
+        [self.below, self.above, self.backward, self.forward].into_iter().any(|limit| limit < INFINITE)
+    }
+}
+
 impl Drive {
-    /// The drive that keeps a rate above (side 1) or below (-1) the target where it has to; see [`gap`](Self::gap).
-    fn limit(distant: &DistantLimits, side: f64, target: f64, gap: f64) -> Self {
-        let is_below = side > 0.0;
-        let state = if is_below { DriveState::Low } else { DriveState::High };
+    /// A motor or spring.
+    pub(super) fn new(coordinate: usize, is_angle: bool, target: f64, softness: f64, low: f64, high: f64) -> Self {
         Self {
-            coordinate: distant.coordinate,
+            coordinate: coordinate as i32,
             target,
-            softness: 0.0,
-            low: if is_below { 0.0 } else { -INFINITE },
-            high: if is_below { INFINITE } else { 0.0 },
-            is_limit: true,
-            side,
-            gap,
-            is_angle: distant.is_angle,
-            state,
+            softness,
+            low,
+            high,
+            is_limit: false,
+            side: 0.0,
+            gap: 0.0,
+            is_angle,
+            state: DriveState::Free,
             start_state: DriveState::Free,
             impulse: 0.0,
             mean_impulse: 0.0,
@@ -93,12 +103,24 @@ impl Drive {
         }
     }
 
+    /// The drive that keeps a rate above (side 1) or below (-1) the target where it has to; see [`gap`](Self::gap).
+    pub(super) fn limit(distant: &DistantLimits, side: f64, target: f64, gap: f64) -> Self {
+        let is_below = side > 0.0;
+        let (low, high) = if is_below { (0.0, INFINITE) } else { (-INFINITE, 0.0) };
+        let drive = Self::new(distant.coordinate as usize, distant.is_angle, target, 0.0, low, high);
+        Self { is_limit: true, side, gap, state: Self::planned_state_of(side), ..drive }
+    }
+
+    /// The limit that holds a coordinate, which is `gap` rad or m beside it.
+    pub(super) fn lock(distant: &DistantLimits, gap: f64) -> Self {
+        let drive = Self::new(distant.coordinate as usize, distant.is_angle, 0.0, 0.0, -INFINITE, INFINITE);
+        Self { is_limit: true, gap, ..drive }
+    }
+
     /// A motor of at most this impulse either way.
     #[cfg(test)]
-    pub(super) fn motor(coordinate: i32, target: f64, softness: f64, most: f64) -> Self {
-        let distant = DistantLimits { coordinate, is_angle: true, below: 0.0, above: 0.0, backward: 0.0, forward: 0.0 };
-        let (low, high, is_limit, side, state) = (-most, most, false, 0.0, DriveState::Free);
-        Self { low, high, is_limit, side, state, softness, ..Self::limit(&distant, 1.0, target, 0.0) }
+    pub(super) fn motor(coordinate: usize, target: f64, softness: f64, most: f64) -> Self {
+        Self::new(coordinate, true, target, softness, -most, most)
     }
 
     /// Mean impulse in the step, and what bounded it.
@@ -107,7 +129,41 @@ impl Drive {
         (self.mean_impulse, self.state)
     }
 
-    fn coordinate(&self) -> usize {
+    /// Mean impulse in the step.
+    pub(super) fn mean_impulse(&self) -> f64 {
+        self.mean_impulse
+    }
+
+    /// As a row of the same coordinate, target and bounds, of a limit.
+    pub(super) fn row(&self) -> Row {
+        let &Self { target, softness, low, high, is_angle, .. } = self;
+        Row { target, softness, low, high, ..Row::limit(self.coordinate(), is_angle) }
+    }
+
+    /// Whether it is a limit of a coordinate or its rate.
+    pub(super) fn is_limit(&self) -> bool {
+        self.is_limit
+    }
+
+    /// Whether its coordinate is an angle.
+    pub(super) fn is_angle(&self) -> bool {
+        self.is_angle
+    }
+
+    /// By how much the coordinate of a limit is to return, rad or m, after a step with a displacement `way`: by a share `erp` of a violation
+    /// that there was before, and by at most `most`. Nothing if the limit is not violated.
+    pub(super) fn way_back(&self, way: f64, erp: f64, most: f64) -> Option<f64> {
+        let holds = self.side == 0.0;
+        let side = if holds { 1.0 } else { self.side };
+        let gap = self.gap + side * way;
+        if if holds { gap == 0.0 } else { gap >= 0.0 } {
+            return None;
+        }
+        // A limit that was violated before is returned to at a bounded speed.
+        Some(side * if self.gap < 0.0 || holds { (-gap * erp).clamp(-most, most) } else { -gap })
+    }
+
+    pub(super) fn coordinate(&self) -> usize {
         self.coordinate as usize
     }
 
@@ -127,7 +183,8 @@ impl Drive {
         }
     }
 
-    fn bounds_rate(&self) -> bool {
+    /// Whether it bounds the rate, not the coordinate.
+    pub(super) fn bounds_rate(&self) -> bool {
         self.gap >= INFINITE
     }
 
@@ -139,7 +196,11 @@ impl Drive {
 
     /// State with which the search begins: limits do not hold.
     fn planned_state(&self) -> DriveState {
-        match self.side {
+        Self::planned_state_of(self.side)
+    }
+
+    fn planned_state_of(side: f64) -> DriveState {
+        match side {
             side if side > 0.0 => DriveState::Low,
             side if side < 0.0 => DriveState::High,
             _ => DriveState::Free,
@@ -158,11 +219,11 @@ impl Drive {
 }
 
 /// The drives of a world.
+#[derive(Default)]
 pub(super) struct World<'a> {
-    /// The first `count` are there.
-    pub places: &'a mut [Drive],
-    pub count: usize,
-    pub distant: &'a [DistantLimits],
+    pub drives: List<'a, Drive>,
+    /// Where the step reaches one of these, it is added to the drives and the step made again.
+    pub distant: List<'a, DistantLimits>,
     /// What drives do to each coordinate, and which one prescribes its acceleration; -1: none.
     pub driven: &'a mut [Driven<f64>],
     pub given_by: &'a mut [i32],
@@ -200,17 +261,9 @@ impl<S: Scalar> Instant<'_, S> {
 }
 
 impl World<'_> {
-    pub fn drives(&self) -> &[Drive] {
-        &self.places[..self.count]
-    }
-
-    pub fn drives_mut(&mut self) -> &mut [Drive] {
-        &mut self.places[..self.count]
-    }
-
     /// States with which the search begins.
     pub fn plan(&mut self) {
-        self.drives_mut().iter_mut().for_each(|drive| drive.state = drive.planned_state());
+        self.drives.iter_mut().for_each(|drive| drive.state = drive.planned_state());
     }
 
     /// Sets what the drives in their present states add to the equations of motion.
@@ -218,7 +271,7 @@ impl World<'_> {
     pub fn load<S: Scalar>(&mut self, h: f64, start: &Rate<'_, S>, world: usize) {
         self.driven.fill(Driven { inertia: 0.0, pull: 0.0, is_given: 0.0, given: 0.0, force: 0.0 });
         self.given_by.fill(-1);
-        let drives = &self.places[..self.count];
+        let drives = &*self.drives;
         for (i, drive) in drives.iter().enumerate().filter(|(_, drive)| drive.is_free()) {
             let k = drive.coordinate();
             if !drive.is_rigid() {
@@ -255,7 +308,7 @@ impl World<'_> {
     /// Adds the forces of the drives that are at a bound.
     #[inline(always)]
     pub fn add_bounds<S: Scalar>(&self, h: f64, efforts: &mut [S], world: usize) {
-        for drive in self.drives().iter().filter(|drive| !drive.is_free()) {
+        for drive in self.drives.iter().filter(|drive| !drive.is_free()) {
             efforts[drive.coordinate()].add_in(world, drive.bound() / h);
         }
     }
@@ -266,7 +319,7 @@ impl World<'_> {
         for (k, rest) in self.rest.iter_mut().enumerate() {
             *rest = at.force(k) * at.h;
         }
-        let drives = &mut self.places[..self.count];
+        let drives = &mut *self.drives;
         for drive in drives.iter_mut().filter(|drive| !(drive.is_free() && drive.is_rigid())) {
             let k = drive.coordinate();
             if drive.is_free() {
@@ -304,7 +357,7 @@ impl World<'_> {
     /// measure. Returns whether one did.
     pub fn saturate(&mut self) -> bool {
         let mut changed = false;
-        for drive in self.drives_mut() {
+        for drive in &mut *self.drives {
             // Which limits hold is known since the beginning of the step.
             if !drive.is_free() || drive.side * drive.impulse < 0.0 {
                 continue;
@@ -326,11 +379,11 @@ impl World<'_> {
     #[inline(always)]
     pub fn pivot<S: Scalar>(&mut self, at: &Instant<'_, S>, one_only: bool) -> bool {
         let mut changed = false;
-        for i in 0..self.count {
+        for i in 0..self.drives.len() {
             if changed && one_only {
                 break;
             }
-            let drive = self.places[i];
+            let drive = self.drives[i];
             let k = drive.coordinate();
             let (start, change) = (at.start(k), at.change(k));
             let speed = start + change;
@@ -355,7 +408,7 @@ impl World<'_> {
             } else if drive.is_free() {
                 let (slack, missed) = (ROUNDING * drive.impulse.abs(), drive.target - speed);
                 // Friction that a motor overcomes acts in full.
-                let is_overruled = drive.is_rigid() && given != i as i32 && !self.places[given as usize].is_limit;
+                let is_overruled = drive.is_rigid() && given != i as i32 && !self.drives[given as usize].is_limit;
                 if drive.impulse > drive.high + slack || (is_overruled && missed > rounding) {
                     state = DriveState::High;
                 }
@@ -369,27 +422,27 @@ impl World<'_> {
                 }
             }
             changed = changed || drive.state != state;
-            self.places[i].state = state;
+            self.drives[i].state = state;
         }
         changed
     }
 
     pub fn keep_start(&mut self) {
-        self.drives_mut().iter_mut().for_each(|drive| drive.start_state = drive.state);
+        self.drives.iter_mut().for_each(|drive| drive.start_state = drive.state);
     }
 
     pub fn return_to_start(&mut self) {
-        self.drives_mut().iter_mut().for_each(|drive| drive.state = drive.start_state);
+        self.drives.iter_mut().for_each(|drive| drive.state = drive.start_state);
     }
 
     pub fn begin_sums(&mut self) {
-        self.drives_mut().iter_mut().for_each(|drive| (drive.mean_impulse, drive.work) = (0.0, 0.0));
+        self.drives.iter_mut().for_each(|drive| (drive.mean_impulse, drive.work) = (0.0, 0.0));
     }
 
     /// Adds `time` s of the step with the forces of the last evaluation, at the rates there.
     #[inline(always)]
     pub fn add_sums<S: Scalar>(&mut self, share: f64, rate: &Rate<'_, S>, world: usize) {
-        for drive in &mut self.places[..self.count] {
+        for drive in &mut *self.drives {
             let impulse = drive.impulse * share;
             drive.mean_impulse += impulse;
             drive.work += impulse * rate.q[drive.coordinate()].of(world);
@@ -413,7 +466,7 @@ impl World<'_> {
         speed: impl Fn(usize) -> f64,
     ) -> bool {
         let mut caught = false;
-        for drive in &mut self.places[..self.count] {
+        for drive in &mut *self.drives {
             let k = drive.coordinate();
             if drive.side != 0.0 && !drive.is_free() && drive.gap >= 0.0 && drive.is_passed(way(k), speed(k)) {
                 caught = true;
@@ -422,7 +475,7 @@ impl World<'_> {
                 }
             }
         }
-        for limits in self.distant {
+        for limits in &*self.distant {
             let k = limits.coordinate as usize;
             let (way, speed) = (way(k), speed(k));
             let passed = [
@@ -438,9 +491,8 @@ impl World<'_> {
                 let drive = Drive::limit(limits, side, side * target, gap);
                 if drive.is_passed(way, speed) {
                     caught = true;
-                    if !looks_only && self.count < self.places.len() {
-                        self.places[self.count] = drive;
-                        self.count += 1;
+                    if !looks_only {
+                        self.drives.push(drive);
                     }
                 }
             }

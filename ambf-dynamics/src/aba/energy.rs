@@ -54,7 +54,7 @@ impl<S: Scalar> Tree<'_, S> {
     #[inline(always)]
     pub fn linear_momentum(&self) -> Vector<S> {
         let mut sum = Vector::zero();
-        for (velocity, body) in self.linear.iter().zip(self.bodies) {
+        for (velocity, body) in self.linear.iter().zip(&*self.bodies) {
             sum += *velocity * body.mass;
         }
         sum
@@ -64,7 +64,7 @@ impl<S: Scalar> Tree<'_, S> {
     #[inline(always)]
     pub fn mass(&self) -> S {
         let mut sum = S::splat(0.0);
-        for body in self.bodies {
+        for body in &*self.bodies {
             sum += body.mass;
         }
         sum
@@ -74,7 +74,7 @@ impl<S: Scalar> Tree<'_, S> {
     #[inline(always)]
     pub fn mass_centre(&self) -> Vector<S> {
         let mut sum = Vector::zero();
-        for (origin, body) in self.origins.iter().zip(self.bodies) {
+        for (origin, body) in self.origins.iter().zip(&*self.bodies) {
             sum += *origin * body.mass;
         }
         over(sum, self.mass())
@@ -84,7 +84,7 @@ impl<S: Scalar> Tree<'_, S> {
     #[inline(always)]
     pub fn total_force(&self) -> Vector<S> {
         let mut sum = Vector::zero();
-        for body in self.bodies {
+        for body in &*self.bodies {
             sum += body.force;
         }
         sum
@@ -189,7 +189,7 @@ impl<S: Scalar> Tree<'_, S> {
             }
         } else {
             let whole = over(self.linear_momentum(), self.mass());
-            for (velocity, body) in self.linear.iter().zip(self.bodies) {
+            for (velocity, body) in self.linear.iter().zip(&*self.bodies) {
                 power -= body.mass * body.linear_drag * velocity.dot(*velocity - whole);
             }
         }
@@ -200,7 +200,7 @@ impl<S: Scalar> Tree<'_, S> {
     #[inline(always)]
     pub fn twist_power(&self) -> S {
         let mut power = S::splat(0.0);
-        for (omega, body) in self.angular.iter().zip(self.bodies) {
+        for (omega, body) in self.angular.iter().zip(&*self.bodies) {
             power += body.torque.dot(*omega);
         }
         power

@@ -6,10 +6,12 @@
 //! the base. SI units.
 //!
 //! `Motion` integrates the accelerations over a sub-step. All is generic over the [`Scalar`]: the same source moves one
-//! world, and [four](together) side by side. Who calls it is `cpp/articulation_dynamics.cpp`, through [`ffi`]; the memory is the
-//! caller's, which saves it with the state of the world.
+//! world, and [four](together) side by side. [`articulation`] is what moves: a tree with what drives, limits and constrains its joints.
+//! Who calls it is `cpp/articulation.cpp`, through [`ffi`]; the memory is the caller's, which saves it with the state of the world.
 
+mod account;
 pub mod algebra;
+pub mod articulation;
 #[cfg(target_arch = "x86_64")]
 mod beside;
 mod bounds;
@@ -20,8 +22,10 @@ mod factor;
 pub mod ffi;
 #[cfg(target_arch = "x86_64")]
 mod four;
+mod list;
 mod method;
 mod motion;
+mod rows;
 pub mod scalar;
 mod step;
 pub mod together;
@@ -32,13 +36,13 @@ mod tests;
 use algebra::{Inertia, Matrix, Quaternion, Symmetric, Vector};
 use scalar::Scalar;
 
-/// Kinds of joints; the numbers are those of `ArticulationDynamics::JointType`.
+/// Kinds of joints; the numbers are those of `JointType` in C++.
 const FIXED: i32 = 0;
 const REVOLUTE: i32 = 1;
 const PRISMATIC: i32 = 2;
 const FREE: i32 = 4;
 
-/// A link and its joint, as `ArticulationDynamics::Link`.
+/// A link and its joint.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct Link {
@@ -83,7 +87,7 @@ impl Link {
     }
 }
 
-/// A body, as `ArticulationDynamics::Body`.
+/// A body.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct Body<S: Scalar> {
@@ -249,7 +253,7 @@ pub struct Tree<'a, S: Scalar> {
     /// Drag is no part of the equations.
     splits_damping: bool,
     links: &'a [Link],
-    bodies: &'a [Body<S>],
+    bodies: &'a mut [Body<S>],
     rotations: &'a mut [Matrix<S>],
     origins: &'a mut [Vector<S>],
     linear: &'a mut [Vector<S>],

@@ -5,11 +5,11 @@ use std::mem::take;
 use super::algebra::{Quaternion, Vector};
 use super::coupling::Coupled;
 use super::drives::{Instant, World};
+use super::list::List;
 use super::scalar::Scalar;
 use super::{Driven, Forces, Position, Rate, Tree};
 
-/// Generalised force -sign k (x - rest) - d q' on a coordinate q, where x = sign q + offset, wrapped to [-π, π] if it is an angle. As
-/// `ArticulationDynamics::Spring`.
+/// Generalised force -sign k (x - rest) - d q' on a coordinate q, where x = sign q + offset, wrapped to [-π, π] if it is an angle.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct Spring<S> {
@@ -28,6 +28,24 @@ pub struct Spring<S> {
     pub(super) settles_in_a_step: bool,
 }
 
+impl Spring<f64> {
+    /// One without force.
+    pub(super) fn none() -> Self {
+        Self {
+            coordinate: 0,
+            is_angle: false,
+            sign: 1.0,
+            offset: 0.0,
+            stiffness: 0.0,
+            damping: 0.0,
+            rest: 0.0,
+            is_stiff: false,
+            resists_corrections: false,
+            settles_in_a_step: false,
+        }
+    }
+}
+
 impl<S> Spring<S> {
     #[inline(always)]
     pub(super) fn coordinate(&self) -> usize {
@@ -37,7 +55,6 @@ impl<S> Spring<S> {
 
 /// Of the beginning of the step, and what is estimated from step to step.
 #[derive(Debug, Clone, Copy)]
-#[repr(C)]
 pub struct Start<S> {
     /// Internal and elastic energy, J.
     pub energy: S,
@@ -51,6 +68,22 @@ pub struct Start<S> {
     pub stiffness: S,
 }
 
+impl<S: Scalar> Start<S> {
+    /// Before the first step.
+    #[inline(always)]
+    pub(super) fn zero() -> Self {
+        let zero = S::splat(0.0);
+        Self {
+            energy: zero,
+            elastic_energy: zero,
+            rotation: zero,
+            carrying_power: zero,
+            centrifugal_energy: zero,
+            stiffness: zero,
+        }
+    }
+}
+
 /// Numbers a coordinate, vectors a body, and quaternions a ball joint that the memory of a motion has.
 pub const NUMBERS: usize = 16;
 /// See [`NUMBERS`].
@@ -58,8 +91,7 @@ pub const VECTORS: usize = 3;
 /// See [`NUMBERS`].
 pub const QUATERNIONS: usize = 6;
 
-/// Memory of a motion. What is kept of a step comes first: [`Motion::unbounded`], [`Motion::mode`], the rates of
-/// [`Motion::start_rate`], and [`Motion::start_origins`].
+/// Memory of a motion.
 pub struct Memory<'a, S: Scalar> {
     pub numbers: &'a mut [S],
     pub vectors: &'a mut [Vector<S>],
@@ -69,7 +101,7 @@ pub struct Memory<'a, S: Scalar> {
 /// A tree and what acts on it.
 pub struct Equations<'a, 'w, S: Scalar> {
     pub tree: Tree<'a, S>,
-    pub springs: &'a [Spring<S>],
+    pub springs: List<'a, Spring<S>>,
     pub coupled: Coupled<'a>,
     /// On each coordinate, N·m or N, constant over a step.
     pub forces: &'a mut [S],
@@ -128,10 +160,9 @@ impl<'a, 'w, S: Scalar> Motion<'a, 'w, S> {
         memory: Memory<'a, S>,
         forces: &'a mut [S],
         driven: &'a mut [Driven<S>],
-        springs: &'a [Spring<S>],
+        springs: List<'a, Spring<S>>,
         coupled: Coupled<'a>,
         worlds: &'a mut [World<'w>],
-        start: Start<S>,
     ) -> Self {
         let Memory { mut numbers, mut vectors, mut quaternions } = memory;
         let bodies = tree.bodies.len();
@@ -156,7 +187,7 @@ impl<'a, 'w, S: Scalar> Motion<'a, 'w, S> {
                 drive_step: 0.0,
             },
             by_euler: false,
-            start,
+            start: Start::zero(),
             stage: position(numbers()),
             part: position(numbers()),
             stage_rate: rate(numbers()),

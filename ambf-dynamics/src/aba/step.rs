@@ -87,7 +87,7 @@ impl<S: Scalar> Motion<'_, '_, S> {
         // take: velocities that diverge say nothing about it.
         let mut most_twisted = S::splat(0.0);
         let most_turned = self.start.rotation * S::splat(h) + S::splat(QUARTER_TURN);
-        for body in tree.bodies {
+        for body in &*tree.bodies {
             most_twisted += body.torque.length() * most_turned;
         }
         Begun { momentum, wrench, drag, twist: tree.twist_power(), most_twisted }
@@ -97,7 +97,7 @@ impl<S: Scalar> Motion<'_, '_, S> {
     #[inline(always)]
     fn begin_slopes(&mut self, h: f64, from: &Position<'_, S>) {
         let (equations, start, slope) = (&mut self.equations, &self.start_rate, &mut self.slopes[0]);
-        equations.drive_step = if equations.worlds.iter().all(|world| world.count == 0) { 0.0 } else { h };
+        equations.drive_step = if equations.worlds.iter().all(|world| world.drives.is_empty()) { 0.0 } else { h };
         if equations.drive_step > 0.0 {
             equations.settle_drives(from, start, slope);
         } else {
@@ -186,7 +186,7 @@ impl<S: Scalar> Motion<'_, '_, S> {
         let twist = self.equations.tree.twist_power();
         let Works { internal, of_mass_centre } = self.works_of_forces(h, from, to);
         let by_drives = S::of_worlds(|world| {
-            of(self.equations.worlds, world).drives().iter().fold(internal.of(world), |sum, drive| sum + drive.work())
+            of(self.equations.worlds, world).drives.iter().fold(internal.of(world), |sum, drive| sum + drive.work())
         });
         let twisted = (half * (begun.twist + twist)).or_smaller(begun.most_twisted + by_drives.abs());
         let work = by_drives + twisted + half * (begun.drag + self.equations.tree.drag_power());
@@ -244,7 +244,7 @@ impl<S: Scalar> Motion<'_, '_, S> {
         for world in 0..self.equations.worlds.len() {
             let is_measured = h * largest.of(world) < MAX_CHANGE;
             let is_bounded = self.equations.fastest_undriven(world, &self.slopes[0]) <= QUARTER_TURN / (h * h);
-            let holds = self.equations.worlds[world].drives().iter().all(Drive::is_measured);
+            let holds = self.equations.worlds[world].drives.iter().all(Drive::is_measured);
             others |= u32::from(!(is_measured && is_bounded && holds && phases.of(world) <= 1.0)) << world;
         }
         self.divided_step(h, 1, from, rate, to, new_rate);
@@ -327,7 +327,7 @@ impl Motion<'_, '_, f64> {
         // The comparison is false for NaN.
         let mut parts = if phases > 1.0 { phases.ceil().or_smaller(MAX_PARTS as f64) as usize } else { 1 };
         // Limits and motors that would hold such forces hide them from the accelerations.
-        let holds = self.equations.worlds[0].drives().iter().all(Drive::is_measured);
+        let holds = self.equations.worlds[0].drives.iter().all(Drive::is_measured);
         let (mut scale, mut has_caught) = (1.0, false);
         let mut start = take(&mut self.stage_rate);
         start.copy(&self.start_rate);

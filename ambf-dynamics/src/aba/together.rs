@@ -4,20 +4,27 @@
 //! have ended; then trees with the same joints move in the registers of AVX2, and all go on. What a world does depends on its own numbers
 //! only, to the bit.
 
-use super::ffi::{AmbAbaPosition, AmbAbaRates, AmbAbaTree};
+use super::articulation::Articulation;
 
 /// Number of worlds in a register.
 pub const SIDE_BY_SIDE: usize = 4;
 
-/// A step that a tree is to make.
+/// A free motion over h s that an articulation is to make.
 #[derive(Debug, Clone, Copy)]
 pub struct Request {
-    pub(super) tree: *const AmbAbaTree,
+    pub(super) articulation: *mut Articulation<'static>,
     pub(super) h: f64,
-    pub(super) from: *const AmbAbaPosition,
-    pub(super) rate: *const AmbAbaRates,
-    pub(super) to: *const AmbAbaPosition,
-    pub(super) new_rate: *const AmbAbaRates,
+}
+
+impl Request {
+    /// Makes it.
+    ///
+    /// # Safety
+    /// Nobody else uses the articulation meanwhile.
+    pub(super) unsafe fn answer(&self) {
+        // SAFETY: by the contract of this function.
+        unsafe { (*self.articulation).step_freely(self.h) }
+    }
 }
 
 /// Whether worlds are computed side by side on this processor; else [`run`] runs one after the other.
