@@ -725,8 +725,9 @@ impl<'a> Articulation<'a> {
         // different; if they added energy, the same amount is added, or the same share if that is less.
         let is_share = solved < unsolved || unsolved > there;
         let mut limit = if is_share { there * (solved / unsolved) } else { there + (solved - unsolved) };
-        // Also where it is not a number.
-        if !(turn <= FAST_TURN) {
+        // The comparison is false for NaN.
+        let is_slow = turn <= FAST_TURN;
+        if !is_slow {
             return limit;
         }
         limit *= 1.0 + turn * turn * turn;
@@ -777,9 +778,10 @@ impl<'a> Articulation<'a> {
         if most >= INFINITE {
             return;
         }
-        let energy = self.motion.equations.tree.internal_energy();
         // The comparison is false for NaN.
-        if !(energy > most) {
+        let energy = self.motion.equations.tree.internal_energy();
+        let is_more = energy > most;
+        if !is_more {
             return;
         }
         let share = (most / energy).sqrt();
@@ -790,7 +792,8 @@ impl<'a> Articulation<'a> {
         }
         self.set_momentum(momentum);
         let energy = self.motion.equations.tree.internal_energy();
-        if !(energy > most) {
+        let is_more = energy > most;
+        if !is_more {
             return;
         }
         let share = (most.or_larger(0.0) / energy).sqrt();

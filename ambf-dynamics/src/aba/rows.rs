@@ -60,6 +60,12 @@ pub struct Joint {
     pub is_hinge: bool,
 }
 
+impl Joint {
+    fn bounds_rate(&self) -> bool {
+        self.max_rate < INFINITE
+    }
+}
+
 /// A row of a joint, which gives its coordinate the rate target - softness * impulse, or its impulse is one of the bounds.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
@@ -401,7 +407,7 @@ impl<'a> Rows<'a> {
             let mut distant = DistantLimits::none(k, is_angle);
             let most = joint.max_rate;
             for side in [1.0, -1.0] {
-                if !(most < INFINITE) {
+                if !joint.bounds_rate() {
                     break;
                 }
                 if side * rate > -most / 2.0 {
@@ -446,7 +452,8 @@ impl<'a> Rows<'a> {
 
     fn add_feedforward_row(&mut self, mut row: Row, h: f64, forces: &mut [f64]) {
         row.feedforward = (self.forces[row.source as usize] * h).or_larger(row.low).or_smaller(row.high);
-        if !(row.feedforward.abs() < INFINITE) {
+        let is_measured = row.feedforward.abs() < INFINITE;
+        if !is_measured {
             row.feedforward = 0.0;
         }
         forces[row.coordinate()] += row.feedforward / h;
@@ -548,7 +555,8 @@ impl<'a> Rows<'a> {
                 let scale = if is_slide { link.arm.length() + link.pivot.length() } else { 1.0 };
                 // The comparison is false for NaN, which counts as large.
                 let way = self.acceleration.q[link.coordinate() + k].abs() * h * h;
-                is_large = is_large || !(way <= MAX_FEEDFORWARD_MOTION * scale);
+                let is_small = way <= MAX_FEEDFORWARD_MOTION * scale;
+                is_large = is_large || !is_small;
             }
         }
         if !is_large && !self.is_refuted(at, equations, h) {
@@ -638,7 +646,7 @@ impl<'a> Rows<'a> {
     /// What would exceed the largest rate is brought back to it.
     fn plan_largest_rate(&mut self, free: &Rate<'_, f64>, k: usize, joint: &Joint) {
         let (rate, most) = (free.q[k], joint.max_rate);
-        if !(most < INFINITE) || rate.abs() <= NEAR_LARGEST_RATE * most {
+        if !joint.bounds_rate() || rate.abs() <= NEAR_LARGEST_RATE * most {
             return;
         }
         let (side, row) = (if rate > 0.0 { 1.0 } else { -1.0 }, Row::limit(k, joint.is_hinge));

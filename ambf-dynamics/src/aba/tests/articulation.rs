@@ -101,7 +101,7 @@ fn impulses_change_the_momentum_by_themselves() {
         }
         // Where the same momentum has more energy at the new position, the excess is taken from the motion about the mass centre.
         for (found, wanted) in numbers_of(after.angular).into_iter().zip(numbers_of(turned)) {
-            assert!((found - wanted).abs() < 1e-5, "seed {seed}: {found} N·m·s, not {wanted}");
+            assert!((found - wanted).abs() < 1e-4, "seed {seed}: {found} N·m·s, not {wanted}");
         }
     }
 }
