@@ -1,7 +1,7 @@
 //! An articulation in a sub-step: a tree, what drives and limits its joints, and what rows of a solver do to it.
 //!
-//! [`move_freely`](Articulation::move_freely) finds the motion without contacts and constraints to other bodies. Where nothing else acts
-//! on the joints that is all: motors, springs and limits are part of the equations of motion. Else the rows of the joints follow from it,
+//! The [free motion](Articulation::begin_free_motion) has no contacts and no constraints to other bodies. Where nothing else acts on the
+//! joints that is all: motors, springs and limits are part of the equations of motion. Else the rows of the joints follow from it,
 //! [`prepare_rows`](Articulation::prepare_rows) makes what rows act on, and the solver finds impulses.
 //! [`finish`](Articulation::finish) moves the articulation.
 
