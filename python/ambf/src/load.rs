@@ -83,8 +83,15 @@ pub fn load_world(wanted: &Wanted) -> Result<Made, Vec<String>> {
     }
     warnings.extend(report.files.iter().flat_map(|file| lines(&file.verbose())));
     warnings.extend(report.notes.iter().map(ToString::to_string));
-    let sub_step = scene.sub_step.unwrap_or(DEFAULT_SUB_STEP);
-    let longest = f64::from(scene.max_sub_steps) * sub_step;
+    let sub_step = scene.sub_step.unwrap_or(DEFAULT_SUB_STEP.min(wanted.step));
+    let (longest, count) = (f64::from(scene.max_sub_steps) * sub_step, wanted.step / sub_step);
+    if (count - count.round()).abs() > 1e-9 * count {
+        warnings.push(format!(
+            "step={} is not a whole number of sub-steps of {sub_step} s: their number changes from iteration to iteration, see `physics: \
+             sub step` of the world",
+            wanted.step
+        ));
+    }
     if wanted.step > longest * (1.0 + 1e-9) {
         let problem = "is simulated in an iteration, the rest of step";
         warnings

@@ -55,6 +55,27 @@ def look(sim, clock=True):
 class Loading(unittest.TestCase):
     """From files to arrays."""
 
+    def test_short_steps_are_sub_steps(self):
+        """Of their own length: the error of the first order falls with it, and the motion goes on in each of them."""
+        ends = []
+        for step in (0.001, 0.0005, 0.00025):
+            sim = arm(step=step, integrator="euler")
+            sim.set_state(joint_positions={1: 0.5})
+            # The first iteration shows the state that was set.
+            sim.step(round(0.2 / step) + 1)
+            before = sim.joint_positions.copy()
+            sim.step(1)
+            self.assertTrue((sim.joint_positions != before).any(), f"{step} s")
+            ends.append(before)
+        first, second = (abs(ends[k] - ends[k + 1]).max() for k in (0, 1))
+        self.assertGreater(first, 1.5 * second)
+        self.assertGreater(second, 1e-9)
+
+    def test_steps_that_are_no_whole_number_of_sub_steps_are_named(self):
+        """As their number changes."""
+        self.assertTrue(any("sub-steps of 0.001 s" in warning for warning in arm(step=0.0015).warnings))
+        self.assertFalse(any("sub-steps" in warning for warning in arm(step=0.003).warnings))
+
     def test_what_there_is(self):
         """Names, shapes, and where things stand at the start."""
         sim = arm()

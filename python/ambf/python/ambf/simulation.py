@@ -148,9 +148,10 @@ class Simulation(Arrays):
 
         `profile`: "legacy", "accurate" or "pybullet"; `solver`, `integrator`, `iterations`, `articulated`, `sleep`: as the options of
         the programs. None: what the world file says, else the profile; the profile is "accurate" unless the world file names another one
-        (that of the programs is "legacy"). `step`: interval of an iteration, s. `saving`: allows `save`. `joint_wrenches`: measures those
-        of all joints, not only of those with `enable feedback`; it costs time and changes nothing of the motion. `plugins`: simulator
-        plugins, shared libraries. `crtk`: files that configure arms for CRTK clients, for `arm`; `seed`: draws what they draw, as the
+        (that of the programs is "legacy"). `step`: interval of an iteration, s, in sub-steps of 1 ms or, if it is shorter, in one of
+        its length, unless the world file has a `sub step`. `saving`: allows `save`. `joint_wrenches`: measures those of all joints, not
+        only of those with `enable feedback`; it costs time and changes nothing of the motion. `plugins`: simulator plugins, shared
+        libraries. `crtk`: files that configure arms for CRTK clients, for `arm`; `seed`: draws what they draw, as the
         program's option `--seed`.
 
         Raises LoadError. What of a scene had to be left out or guessed is in `warnings`.
