@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Optional
 
@@ -28,6 +29,11 @@ JOINTS = (
     "toolrolllink-toolpitchlink",
     "toolpitchlink-toolyawlink",
 )
+BASES = {
+    "psm1": ((0.1313066, 0.3967149, 0.8777097), (0.6974314, -0.5187393, -3.1391723)),
+    "psm2": ((-0.0713554, 0.3969891, 0.876246), (0.7141681, 0.5087572, -3.0877876)),
+}
+"""Where arms of the scene stand: position, m, and roll, pitch, yaw about fixed axes, rad."""
 FINGERS = ("toolyawlink-toolgripperleftlink", "toolyawlink-toolgripperrightlink")
 
 
@@ -39,6 +45,13 @@ def about(axis: int, angle: float) -> Array:
     matrix[i, i] = matrix[j, j] = c
     matrix[i, j], matrix[j, i] = -s, s
     return matrix
+
+
+@functools.cache
+def base(arm: str) -> tuple[Array, Array]:
+    """Origin, m, and axes of an arm's base in the world."""
+    position, (roll, pitch, yaw) = BASES[arm]
+    return np.array(position), about(2, yaw) @ about(1, pitch) @ about(0, roll)
 
 
 def matrix_of(quaternion: ArrayLike) -> Array:
