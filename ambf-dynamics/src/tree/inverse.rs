@@ -272,7 +272,12 @@ impl Tree {
             }
         }
         let [position_error, rotation_error] = error.map(|part| part.norm());
-        let positions = folding.positions(&free).iter().zip(&folding.limits).map(|(value, [low, high])| value.max(*low).min(*high)).collect();
+        let positions = folding
+            .positions(&free)
+            .iter()
+            .zip(&folding.limits)
+            .map(|(value, [low, high])| value.max(*low).min(*high))
+            .collect();
         Ok(Reached { positions, position_error, rotation_error, reached: goal.is_reached(&error) })
     }
 }

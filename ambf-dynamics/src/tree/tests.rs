@@ -370,7 +370,8 @@ fn columns_of_followers_are_added_to_those_of_their_leaders() {
         let folding = Folding::of(&tree);
         assert_eq!(folding.free, [0, 1, 3, 5]);
         let free = DVector::from_vec(numbers.list(4));
-        let state = State { positions: folding.positions(&free).as_slice().to_vec(), ..State::any(&tree, &mut numbers) };
+        let state =
+            State { positions: folding.positions(&free).as_slice().to_vec(), ..State::any(&tree, &mut numbers) };
         let mut expected = state.positions.clone();
         followed(&mut expected);
         assert!((DVector::from_vec(expected) - DVector::from_column_slice(&state.positions)).amax() < 1e-15);

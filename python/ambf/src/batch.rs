@@ -129,11 +129,12 @@ impl Layout {
             *first = columns.end;
             sensors.push(Sensor { name: names::of(&entry.info), id: *id, kind: info.kind, columns });
         }
-        let actuators = stepper.objects().entries().filter_map(|(object, entry)| match &entry.info.kind {
-            ObjectKind::Actuator(id, _) => Some(Actuator { name: names::of(&entry.info), id: *id, object }),
-            _ => None,
-        });
-        let actuators = actuators.collect();
+        let mut actuators = Vec::new();
+        for (object, entry) in stepper.objects().entries() {
+            if let ObjectKind::Actuator(id, _) = &entry.info.kind {
+                actuators.push(Actuator { name: names::of(&entry.info), id: *id, object });
+            }
+        }
         Self { rows, joint_ids, joint_names, places, sensors, rays, feelers, actuators }
     }
 
@@ -727,7 +728,8 @@ impl Batch {
             if let Some(lane) = lanes.first().filter(|_| hold.contains(&true)) {
                 lane.stepper.simulation().scene().check_actuator_command(found.id, &command)?;
             }
-            for (lane, hold) in lanes.iter_mut().zip(hold).zip(mask).filter_map(|(of, is_meant)| is_meant.then_some(of)) {
+            for (lane, hold) in lanes.iter_mut().zip(hold).zip(mask).filter_map(|(of, is_meant)| is_meant.then_some(of))
+            {
                 if let Some(in_force) = lane.stepper.actuator_command(found.object) {
                     match hold {
                         true => in_force.clone_from(&command),

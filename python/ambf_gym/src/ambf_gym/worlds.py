@@ -65,7 +65,7 @@ class Worlds:
         self.observation_space = gymnasium.spaces.Box(
             np.concatenate((low, -infinite)).astype(np.float32), np.concatenate((high, infinite)).astype(np.float32)
         )
-        launch = scene.launch_file or str(resources() / "launch.yaml")
+        launch = scene.launch() or str(resources() / "launch.yaml")
         options = physics_options(scene.options)
         self.batch = ambf.Batch(scene.model_files(), num_envs, launch_file=launch, **options)
         """The worlds: parameters may be changed through it."""

@@ -6,14 +6,14 @@ above the block, jaws open, and ends when the block is held and its foot is `LIF
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Dict, Mapping, Optional, Tuple
 
 import gymnasium
 import numpy as np
 from ambf_peg_transfer import SYMMETRIC, draw
 from ambf_peg_transfer.arms import FINGERS, JOINTS, LOWER, UPPER, about, base, inverse, matrix_of, quaternion_of
-from ambf_peg_transfer.player import GRIPS, Place, upright
+from ambf_peg_transfer.player import CLEARANCE, GRIPS, PEG_TIP, Place, to_peg, upright
 from ambf_peg_transfer.player import OPEN as READY
 from ambf_peg_transfer.referee import TIP, Rules
 from gymnasium.vector import VectorEnv
@@ -29,10 +29,14 @@ from .peg_transfer import base as base_of
 from .peg_transfer import tool as tool_of
 
 SCENE = Scene(
-    tuple(model for model in WHOLE.models if "psm2" not in model),
-    launch_file=WHOLE.launch_file,
+    tuple(f"peg_transfer/{name}.yaml" for name in ("board_lift", "camera_frame", "psm1")),
+    launch_file="peg_transfer/launch_lift.yaml",
     options=WHOLE.options,
 )
+"""With one block and sub-steps of 5 ms, by which a step takes an eighth of the time that it takes in the scene of the peg transfer."""
+
+FINE = replace(SCENE, launch_file=WHOLE.launch_file)
+"""The same with the sub-steps of the peg transfer, 1 ms: for testing what was learnt."""
 
 ARM = "psm1"
 BASE, TOOL, BLOCK = base_of(ARM), tool_of(ARM), block("block1")
@@ -112,8 +116,8 @@ class ToGrip:
 
 
 def placed(rng: np.random.Generator) -> Mapping[str, Any]:
-    """Blocks on pegs of the left side as `ambf_simulator --seed` would place them, and the arm above the first one, jaws open: by the grip
-    in which its joints are furthest from their limits.
+    """The block on a peg of the left side as `ambf_simulator --seed` would place it, and the arm above it, jaws open: by the grip in which
+    its joints are furthest from their limits.
     """
     origin, axes = base(ARM)
 
@@ -125,11 +129,13 @@ def placed(rng: np.random.Generator) -> Mapping[str, Any]:
         return -1.0 if q is None else float(np.min(np.minimum(UPPER - q, q - LOWER) / (UPPER - LOWER)))
 
     while True:
-        places = {
-            name: upright(np.array([*SYMMETRIC.pegs[peg], HEIGHT + 0.0003]), turn)
-            for name, (peg, turn) in draw(int(rng.integers(2**32))).blocks.items()
-        }
-        grips = [grip.tool(places["block1"]) for grip in GRIPS]
+        peg, turn = draw(int(rng.integers(2**32))).blocks["block1"]
+        place = upright(np.array([*SYMMETRIC.pegs[peg], HEIGHT + 0.0003]), turn)
+        tip = np.array([*SYMMETRIC.pegs[peg], SYMMETRIC.top + PEG_TIP])
+        # The link above the fingers has room beside the peg.
+        grips = [grip for grip in (grip.tool(place) for grip in GRIPS) if to_peg(origin, grip, tip) > CLEARANCE]
+        if not grips:
+            continue
         grip = max(grips, key=margin)
         away = np.array([*rng.uniform(-ASIDE, ASIDE, 2), rng.uniform(*ABOVE_BLOCK)])
         q = solve(Place(grip.position + away, about(2, float(rng.uniform(-TURN, TURN))) @ grip.axes))
@@ -137,10 +143,7 @@ def placed(rng: np.random.Generator) -> Mapping[str, Any]:
             break
     joints: Dict[str, float] = dict(zip(JOINTS, q.tolist()))
     joints.update(dict.fromkeys(FINGERS, READY))
-    return {
-        "poses": {block(name): (*at.position, *quaternion_of(at.axes)) for name, at in places.items()},
-        "joint_positions": joints,
-    }
+    return {"poses": {BLOCK: (*place.position, *quaternion_of(place.axes))}, "joint_positions": joints}
 
 
 def height(states: States) -> Array:
@@ -224,22 +227,25 @@ TASK = task()
 class Player:
     """A scripted solution for one world: says what to do, from all that the simulator knows.
 
-    Above the grip it moves aside first, then down, closes the jaws, and goes up.
+    It works through places of the tool, and waits at each until it is there, or for so many steps: above the grip, at the grip, there with
+    closed jaws, and further up.
     """
 
-    ALIGNED, THERE = 0.0007, 0.0008
-    """So near to the grip is near enough before the tool goes down, aside, and before the jaws close, m."""
     OVER = 0.008
-    """How far above the grip the tool stays until it is aligned, m."""
-    CLOSING = 8
-    """Steps in which the jaws close before the tool goes up."""
-    UP = 0.004
-    """By how much the tool goes up in a step, m."""
+    """How far above the grip the tool stops first, m."""
+    NEAR = 0.0005
+    """Distance that counts as there, m."""
+    MOST = (40, 20, 8, 100)
+    """Steps that it waits at most."""
+    UP = 0.02
+    """By how much the block is lifted, m."""
 
     def __init__(self) -> None:
         self._origin, self._axes = base(ARM)
         self._set_point: Optional[Array] = None
-        self._closed = 0
+        self._stage = self._waited = 0
+        self._goal: Array = np.zeros(3)
+        self._turn: Array = np.eye(3)
 
     def action(self, states: States) -> Array:
         """(7) for `states`: shares of the largest steps of the set points, and how far the jaws are open, -1 … 1."""
@@ -248,21 +254,20 @@ class Player:
             positions = states.bodies[BASE].joint_positions
             self._set_point = np.array([positions[name] for name in JOINTS])
         to = to_grip(states)
-        goal, axes = tool.position.copy(), matrix_of(tool.rotation)
-        if self._closed or np.linalg.norm(to[:3]) < self.THERE:
-            goal[2] += self.UP if self._closed > self.CLOSING else 0.0
-            self._closed += 1
-        else:
-            is_aligned = np.linalg.norm(to[:2]) < self.ALIGNED
-            goal += to[:3]
-            goal[2] += 0.0 if is_aligned else self.OVER
-            axes = axes @ _axes_of(to[3:])
-        wanted = inverse(self._axes.T @ (goal - self._origin), self._axes.T @ axes)
+        if self._stage < 2:
+            self._goal = tool.position + to[:3] + [0.0, 0.0, 0.0 if self._stage else self.OVER]
+            self._turn = matrix_of(tool.rotation) @ _axes_of(to[3:])
+        self._waited += 1
+        is_there = self._stage < 2 and bool(np.linalg.norm(self._goal - tool.position) < self.NEAR)
+        if is_there or self._waited > self.MOST[self._stage]:
+            self._stage, self._waited = self._stage + 1, 0
+        goal = self._goal + [0.0, 0.0, self.UP if self._stage > 2 else 0.0]
+        wanted = inverse(self._axes.T @ (goal - self._origin), self._axes.T @ self._turn)
         action = np.zeros(len(JOINTS) + 1)
         if wanted is not None:
             action[:-1] = np.clip((wanted - self._set_point) / STEPS, -1.0, 1.0)
         self._set_point = np.clip(self._set_point + action[:-1] * STEPS, LOWER, UPPER)
-        action[-1] = -1.0 if self._closed else 0.0
+        action[-1] = 0.0 if self._stage < 2 else -1.0
         return action
 
 
