@@ -40,21 +40,21 @@ PARALLEL = (
     + "".join(
         f'<link name="{name}"><inertial><mass value="0.5"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
         "</inertial></link>"
-        for name in ("upper arm", "forearm", "hand", "left finger", "right finger")
+        for name in ("upper_arm", "forearm", "hand", "left_finger", "right_finger")
     )
     + "".join(
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{origin}"/>'
         f'<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" effort="100" velocity="10"/>{mimic}</joint>'
         for name, kind, parent, child, origin, axis, low, high, mimic in (
-            ("shoulder", "revolute", "world", "upper arm", "0 0 1", "0 1 0", -2, 2, ""),
-            ("elbow", "revolute", "upper arm", "forearm", "0.3 0 0", "0 1 0", -2, 2, ""),
+            ("shoulder", "revolute", "world", "upper_arm", "0 0 1", "0 1 0", -2, 2, ""),
+            ("elbow", "revolute", "upper_arm", "forearm", "0.3 0 0", "0 1 0", -2, 2, ""),
             (
                 *("wrist", "revolute", "forearm", "hand", "0.3 0 0", "0 1 0", -3, 3),
                 '<mimic joint="elbow" multiplier="-1" offset="0.2"/>',
             ),
-            ("left", "prismatic", "hand", "left finger", "0.1 0.05 0", "0 1 0", -0.05, 0.05, ""),
+            ("left", "prismatic", "hand", "left_finger", "0.1 0.05 0", "0 1 0", -0.05, 0.05, ""),
             (
-                *("right", "prismatic", "hand", "right finger", "0.1 -0.05 0", "0 1 0", -0.03, 0.05),
+                *("right", "prismatic", "hand", "right_finger", "0.1 -0.05 0", "0 1 0", -0.03, 0.05),
                 '<mimic joint="left" multiplier="-1"/>',
             ),
         )
@@ -221,6 +221,7 @@ class Trees(unittest.TestCase):
         tree = sim.tree("hand")
         self.assertEqual(len(tree.coupling_rows()), 2)
         rng = np.random.default_rng(2)
+        finger = next(i for i, name in enumerate(tree.bodies) if name.endswith("right_finger"))
         joints = list(tree.joints)
         shoulder, elbow, wrist, left, right = (
             joints.index(name) for name in ("shoulder", "elbow", "wrist", "left", "right")
@@ -229,24 +230,24 @@ class Trees(unittest.TestCase):
             asked = np.zeros(5)
             asked[[shoulder, elbow, left]] = rng.uniform((-1, 0.3, 0.0), (1, 1.5, 0.03))
             asked[wrist], asked[right] = -asked[elbow] + 0.2, -asked[left]
-            wanted = tree.poses(joint_positions=asked)[list(tree.bodies).index("right finger")]
+            wanted = tree.poses(joint_positions=asked)[finger]
             start = asked + rng.uniform(-0.2, 0.2, 5)
-            found = tree.inverse_kinematics("right finger", wanted[:3], start=start)
+            found = tree.inverse_kinematics("right_finger", wanted[:3], start=start)
             self.assertTrue(found.reached, found)
             q = found.joint_positions
             np.testing.assert_allclose((q[wrist], q[right]), (-q[elbow] + 0.2, -q[left]), atol=1e-12)
-            place = tree.poses(joint_positions=q)[list(tree.bodies).index("right finger")]
+            place = tree.poses(joint_positions=q)[finger]
             np.testing.assert_allclose(place[:3], wanted[:3], atol=2e-6)
             # It is a state that the simulation takes, which those are not in which a follower goes its own way.
             sim.set_state(joint_positions=dict(zip(joints, q)))
             np.testing.assert_allclose(sim.joint_positions[tree.joint_indices], q, atol=1e-9)
-        far = tree.inverse_kinematics("right finger", (0, 0, 5))
+        far = tree.inverse_kinematics("right_finger", (0, 0, 5))
         self.assertFalse(far.reached)
         # The second finger's limit is nearer than the first one's.
         self.assertLessEqual(far.joint_positions[left], 0.03 + 1e-9)
-        sim.set_parameters(joint_limits={"right": (0.01, 0.02)})
+        sim.set_parameters(joint_limits={"right": (0.06, 0.08)})
         with self.assertRaisesRegex(ambf.TreeError, "those of right are not kept"):
-            tree.inverse_kinematics("right finger", (0, 0, 0.5))
+            tree.inverse_kinematics("right_finger", (0, 0, 0.5))
 
     def test_what_is_wrong_is_said(self):
         """Shapes, numbers, names, and bodies that are no tree."""

@@ -357,7 +357,8 @@ class _Joints(_Drive):
 
     def rest(self, chosen: Mask, flat: Array, joints: Dict[str, Dict[int, Tuple[int, Any]]]) -> None:
         kind, worlds = _KINDS[self._part.mode], self._worlds
-        here = np.full((chosen.sum(), len(self._places)), self._part.at_rest or 0.0)
+        # Commands of joints are in single precision, as over ROS.
+        here = np.full((chosen.sum(), len(self._places)), float(np.float32(self._part.at_rest or 0.0)))
         if self._part.mode == "position" and self._part.at_rest is None:
             here = flat[chosen][:, self._places]
         worlds._command_body(chosen, self._part.body, FORCE, 0.0, 0.0)
