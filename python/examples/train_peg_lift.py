@@ -46,12 +46,14 @@ class Curve(BaseCallback):
         self._evaluating = 0.0
         self.rows: list[tuple[Any, ...]] = []
         self._recent: list[bool] = []
+        self._returns: list[float] = []
         self._next = 0
 
     def _on_step(self) -> bool:
         for done, info in zip(self.locals["dones"], self.locals["infos"]):
             if done:
                 self._recent.append(bool(info["is_success"]))
+                self._returns.append(float(info["episode"]["r"]))
         return self._chosen.seconds is None or self._spent() < self._chosen.seconds
 
     def _on_rollout_start(self) -> None:
@@ -70,7 +72,9 @@ class Curve(BaseCallback):
             self._next = self.num_timesteps + self._chosen.every
             found = self._evaluate(self._tests)
         self.rows.append((self.num_timesteps, round(spent, 1), exploring, *found))
-        print(dict(zip(COLUMNS, self.rows[-1])), flush=True)
+        print(
+            dict(zip(COLUMNS, self.rows[-1])), "exploring return", np.mean(self._returns[-RECENT:] or [0]), flush=True
+        )
         if evaluates:
             self._write()
             if self._chosen.model is not None:
@@ -181,7 +185,7 @@ def learner(env: Any, seed: int) -> PPO:
         gae_lambda=0.95,
         learning_rate=5e-4,
         target_kl=0.03,
-        policy_kwargs={"log_std_init": -0.7, "net_arch": [128, 128]},
+        policy_kwargs={"log_std_init": -1.2, "net_arch": [128, 128]},
         seed=seed,
         device="cpu",
     )

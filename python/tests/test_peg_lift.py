@@ -48,7 +48,7 @@ class Stage(unittest.TestCase):
 
     def test_the_scripted_solution_lifts_the_block(self):
         """In all worlds but few, and only where the referee says so; the sparse reward is 1 there."""
-        count = 40
+        count = 24
         worlds = Worlds(peg_lift.SCENE, peg_lift.task(shaped=False), count)
         worlds.reset(seeds=list(range(count)))
         players = [peg_lift.Player() for _ in range(count)]
@@ -64,9 +64,11 @@ class Stage(unittest.TestCase):
                 # The other block is not there.
                 blocks = dict.fromkeys(SYMMETRIC.blocks, pose[peg_lift.BLOCK])
                 score = referee.update(state.sim_time, blocks, {"psm1": pose[peg_lift.TOOL]})
-                self.assertEqual(score.holders["block1"] == "psm1", bool(terminated[i]), i)
-            np.testing.assert_array_equal(terminated, infos.columns["is_success"])
-            lifted |= terminated
+                self.assertEqual(score.holders["block1"] == "psm1", bool(infos[i]["is_success"]), i)
+            self.assertTrue(terminated[infos.columns["is_success"]].all())
+            lifted |= infos.columns["is_success"]
+            if lifted.all():
+                break
         worlds.close()
         self.assertGreaterEqual(lifted.mean(), 0.95)
         np.testing.assert_array_equal(rewards, lifted)
@@ -101,7 +103,7 @@ class Stage(unittest.TestCase):
         turn, aside = 0.1, np.array([0.002, -0.001, 0.004])
         to = peg_lift.to_grip(states)
         np.testing.assert_array_less(np.abs(to[:2]), peg_lift.ASIDE + 0.002)
-        self.assertTrue(-0.022 < to[2] < -0.008, to)
+        self.assertTrue(-0.022 < to[2] < -0.012, to)
         tool = states.bodies[peg_lift.TOOL]
         wanted = matrix_of(tool.rotation) @ peg_lift._axes_of(to[3:])
         moved = Moved(grip, tool.position + to[:3] + aside, quaternion_of(wanted @ about(2, turn)))

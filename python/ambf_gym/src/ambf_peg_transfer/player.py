@@ -136,7 +136,7 @@ GRIPS = [Grip(wall, turned) for wall in range(3) for turned in (False, True)]
 
 
 def to_peg(base: Array, tool: Place, tip: Array) -> float:
-    """How far the link above the fingers of an arm, whose base is at `base`, is from a peg, the middle of whose round tip is at `tip`, m."""
+    """How far the link above the fingers is from a peg, m. `base`: where the arm's base is; `tip`: the middle of the peg's round tip."""
     hinge = tool.axes[:, 2]
     up = base - tool.position
     up = up - (up @ hinge) * hinge

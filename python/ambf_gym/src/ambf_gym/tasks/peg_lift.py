@@ -47,14 +47,16 @@ STEPS = np.array(STEP) / 3.0
 """By how much an action moves the set points, rad and m, in 50 ms: a third of what it does in the peg transfer, 2 mm at the tool."""
 WIDEST = 2.0 * READY
 """Widest angle of a finger that is commanded, rad; half of it is what the scripted player opens."""
-ASIDE, ABOVE_BLOCK, TURN = 0.008, (0.010, 0.020), 0.2
+ASIDE, ABOVE_BLOCK, TURN = 0.006, (0.013, 0.020), 0.2
 """Where the tool is at the start against where it would hold the block: so far aside along x and along y at most, m, so far above, m, and
 turned about the vertical by so much at most, rad."""
-SCALE = 0.02
+SCALE = 0.01
 """Way to the grip that is worth one point, m."""
+FAR = 0.05
+"""Way to the grip from which on an episode is over: the tool has gone astray, or the block lies elsewhere, m."""
 LEVER = 0.01
 """A turn of 1 rad counts as a way of this, m: the length of the fingers."""
-NEAR = 0.003
+NEAR = 0.0015
 """Way to the grip within which closing the jaws is worth something, m."""
 
 _OFFSETS = np.array([grip.tool(Place(np.zeros(3), np.eye(3))).position for grip in GRIPS])
@@ -166,16 +168,21 @@ def is_lifted(transition: Transition) -> Any:
     return is_between(after) & (height(after) > LIFTED)
 
 
-def worth(states: States) -> Any:
-    """(…) how far an episode is: minus the way to the grip in `SCALE`, up to 1 for jaws that are closed there, and up to 1 for the block
-    that is held and lifted.
-    """
+def way(states: States) -> Any:
+    """(…) from the tool to the grip, m: the distance, and `LEVER` for each rad of the turn."""
     to = to_grip(states)
-    way = np.linalg.norm(to[..., :3], axis=-1) + LEVER * np.linalg.norm(to[..., 3:], axis=-1)
+    return np.linalg.norm(to[..., :3], axis=-1) + LEVER * np.linalg.norm(to[..., 3:], axis=-1)
+
+
+def worth(states: States) -> Any:
+    """(…) how far an episode is: minus the way to the grip in `SCALE`, `FAR` at most, up to 1 for jaws that are closed there, and up to 1
+    for the block that is held and lifted.
+    """
+    away = np.minimum(way(states), FAR)
     fingers = states.bodies[BASE].joint_positions
     closed = 1.0 - np.clip(sum(fingers[name] for name in FINGERS) / (len(FINGERS) * WIDEST), 0.0, 1.0)
     lifted = is_between(states) * np.clip((height(states) - HEIGHT + SYMMETRIC.top) / LIFTED, 0.0, 1.0)
-    return -way / SCALE + np.exp(-((way / NEAR) ** 2)) * closed + lifted
+    return -away / SCALE + np.exp(-((away / NEAR) ** 2)) * closed + lifted
 
 
 def reward(transition: Transition) -> Any:
@@ -191,8 +198,8 @@ def sparse(transition: Transition) -> Any:
 
 
 def terminated(transition: Transition) -> Any:
-    """The block is lifted."""
-    return transition.once(is_lifted)
+    """The block is lifted, or far from the tool."""
+    return transition.once(is_lifted) | (way(transition.after) > FAR)
 
 
 def info(transition: Transition) -> Info:
@@ -227,18 +234,20 @@ TASK = task()
 class Player:
     """A scripted solution for one world: says what to do, from all that the simulator knows.
 
-    It works through places of the tool, and waits at each until it is there, or for so many steps: above the grip, at the grip, there with
-    closed jaws, and further up.
+    It works through stages, and waits in each until the tool is where it is to be, or for so many steps: above the grip, slowly down to it,
+    closing the jaws, and further up.
     """
 
-    OVER = 0.008
+    OVER = 0.012
     """How far above the grip the tool stops first, m."""
-    NEAR = 0.0005
-    """Distance that counts as there, m."""
-    MOST = (40, 20, 8, 100)
+    DOWN = 0.001
+    """How far it goes down in a step, m."""
+    NEAR = 0.0004
+    """Distance that counts as there, m, with `LEVER` for its turn."""
+    MOST = (40, 25, 10, 100)
     """Steps that it waits at most."""
-    UP = 0.02
-    """By how much the block is lifted, m."""
+    UP = 0.001
+    """How far it goes up in a step, m."""
 
     def __init__(self) -> None:
         self._origin, self._axes = base(ARM)
@@ -254,14 +263,17 @@ class Player:
             positions = states.bodies[BASE].joint_positions
             self._set_point = np.array([positions[name] for name in JOINTS])
         to = to_grip(states)
-        if self._stage < 2:
-            self._goal = tool.position + to[:3] + [0.0, 0.0, 0.0 if self._stage else self.OVER]
-            self._turn = matrix_of(tool.rotation) @ _axes_of(to[3:])
         self._waited += 1
-        is_there = self._stage < 2 and bool(np.linalg.norm(self._goal - tool.position) < self.NEAR)
+        is_there = False
+        if self._stage < 2:
+            above = max(self.OVER - self.DOWN * self._waited, 0.0) if self._stage else self.OVER
+            self._goal = tool.position + to[:3] + np.array([0.0, 0.0, above])
+            self._turn = matrix_of(tool.rotation) @ _axes_of(to[3:])
+            away = np.linalg.norm(self._goal - tool.position) + LEVER * np.linalg.norm(to[3:])
+            is_there = bool(away < self.NEAR) and (self._stage == 0 or above == 0.0)
         if is_there or self._waited > self.MOST[self._stage]:
             self._stage, self._waited = self._stage + 1, 0
-        goal = self._goal + [0.0, 0.0, self.UP if self._stage > 2 else 0.0]
+        goal = self._goal + np.array([0.0, 0.0, self.UP * self._waited if self._stage > 2 else 0.0])
         wanted = inverse(self._axes.T @ (goal - self._origin), self._axes.T @ self._turn)
         action = np.zeros(len(JOINTS) + 1)
         if wanted is not None:
