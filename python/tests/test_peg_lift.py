@@ -10,7 +10,19 @@ from ambf_gym import InvalidDescription, Worlds
 from ambf_gym.scene import resources
 from ambf_gym.tasks import peg_lift
 from ambf_peg_transfer import SYMMETRIC, Pose, Referee
-from ambf_peg_transfer.arms import BASES, about, base, forward, matrix_of, quaternion_of
+from ambf_peg_transfer.arms import (
+    BASES,
+    LOWER,
+    UPPER,
+    about,
+    base,
+    forward,
+    matrices_of,
+    matrix_of,
+    quaternion_of,
+    unlimited,
+    unlimited_all,
+)
 from gymnasium.utils.env_checker import check_env
 
 NAME = "ambf/PegLift-v0"
@@ -33,6 +45,16 @@ class Scene(unittest.TestCase):
             pose = sim.body(f"{arm}/baselink").pose
             np.testing.assert_allclose(pose[:3], origin, atol=1e-9)
             np.testing.assert_allclose(matrix_of(pose[3:]), axes, atol=1e-9)
+
+    def test_inverse_kinematics_of_many_are_those_of_each(self):
+        """Of places all over the ranges of the joints."""
+        rng = np.random.default_rng(0)
+        joints = rng.uniform(np.maximum(LOWER, (-2, -2, 0.05, -3, -2, -2)), UPPER, (200, 6))
+        positions, axes = map(np.array, zip(*(forward(q) for q in joints)))
+        found = unlimited_all(positions, axes)
+        np.testing.assert_allclose(found, [unlimited(*place) for place in zip(positions, axes)], atol=1e-12)
+        quaternions = np.array([quaternion_of(one) for one in axes])
+        np.testing.assert_allclose(matrices_of(quaternions), axes, atol=1e-12)
 
 
 class Stage(unittest.TestCase):
@@ -105,6 +127,11 @@ class Stage(unittest.TestCase):
         np.testing.assert_array_less(np.abs(to[:2]), peg_lift.ASIDE + 0.002)
         self.assertTrue(-0.022 < to[2] < -0.012, to)
         tool = states.bodies[peg_lift.TOOL]
+        away = peg_lift.joints_to_grip(states)
+        joints = states.bodies[peg_lift.BASE].joint_positions
+        position, _ = forward([joints[name] + by for name, by in zip(peg_lift.JOINTS, away)])
+        origin, axes = base("psm1")
+        np.testing.assert_allclose(origin + axes @ position, tool.position + to[:3], atol=1e-5)
         wanted = matrix_of(tool.rotation) @ peg_lift._axes_of(to[3:])
         moved = Moved(grip, tool.position + to[:3] + aside, quaternion_of(wanted @ about(2, turn)))
         np.testing.assert_allclose(peg_lift.to_grip(moved), [*-aside, 0, 0, -turn], atol=1e-9)

@@ -12,7 +12,19 @@ from typing import Any, Dict, Mapping, Optional, Tuple
 import gymnasium
 import numpy as np
 from ambf_peg_transfer import SYMMETRIC, draw
-from ambf_peg_transfer.arms import FINGERS, JOINTS, LOWER, UPPER, about, base, inverse, matrix_of, quaternion_of
+from ambf_peg_transfer.arms import (
+    FINGERS,
+    JOINTS,
+    LOWER,
+    UPPER,
+    about,
+    base,
+    inverse,
+    matrices_of,
+    matrix_of,
+    quaternion_of,
+    unlimited_all,
+)
 from ambf_peg_transfer.player import CLEARANCE, GRIPS, PEG_TIP, Place, to_peg, upright
 from ambf_peg_transfer.player import OPEN as READY
 from ambf_peg_transfer.referee import TIP, Rules
@@ -62,6 +74,9 @@ NEAR = 0.0015
 _OFFSETS = np.array([grip.tool(Place(np.zeros(3), np.eye(3))).position for grip in GRIPS])
 _TURNS = np.array([quaternion_of(grip.tool(Place(np.zeros(3), np.eye(3))).axes) for grip in GRIPS])
 
+_ANGLES = [0, 1, 3, 4, 5]
+"""Joints that turn."""
+
 
 def _times(a: Array, b: Array) -> Array:
     """Products of quaternions (… x 4) x, y, z, w."""
@@ -84,15 +99,22 @@ def _back(q: Array) -> Array:
     return conjugate
 
 
-def to_grip(states: States) -> Array:
-    """(… x 6) from the tool's yaw link to where it would hold the block: m, world axes, and the turn as a rotation vector, rad, axes of
-    the tool. Of the six ways to hold a block (`ambf_peg_transfer.player.GRIPS`) it is that to which the tool turns least.
+def grip_of(states: States) -> Tuple[Array, Array]:
+    """Where the tool's yaw link would hold the block: (… x 3) m, and (… x 4) quaternions, world. Of the six ways to hold a block
+    (`ambf_peg_transfer.player.GRIPS`) it is that to which the tool turns least.
     """
     tool, held = states.bodies[TOOL], states.bodies[BLOCK]
     turns = _times(held.rotation[..., None, :], _TURNS)
     best = np.abs(np.sum(turns * tool.rotation[..., None, :], axis=-1)).argmax(axis=-1)
-    place = held.position + _turned(held.rotation, _OFFSETS[best])
-    turn = _times(_back(tool.rotation), np.take_along_axis(turns, best[..., None, None], axis=-2)[..., 0, :])
+    turn = np.take_along_axis(turns, best[..., None, None], axis=-2)[..., 0, :]
+    return held.position + _turned(held.rotation, _OFFSETS[best]), turn
+
+
+def to_grip(states: States) -> Array:
+    """(… x 6) from the tool's yaw link to the grip: m, world axes, and the turn as a rotation vector, rad, axes of the tool."""
+    tool = states.bodies[TOOL]
+    place, goal = grip_of(states)
+    turn = _times(_back(tool.rotation), goal)
     turn = np.where(turn[..., 3:] < 0.0, -turn, turn)
     sine = np.linalg.norm(turn[..., :3], axis=-1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, turn[..., 3:])
@@ -100,9 +122,22 @@ def to_grip(states: States) -> Array:
     return np.concatenate((place - tool.position, vector), axis=-1)
 
 
+def joints_to_grip(states: States) -> Array:
+    """(… x 6) how far the joints are from those with which the tool is at the grip, rad and m, by inverse kinematics."""
+    origin, axes = base(ARM)
+    place, turn = grip_of(states)
+    wanted = unlimited_all((place - origin) @ axes, axes.T @ matrices_of(turn))
+    joints = states.bodies[BASE].joint_positions
+    away = wanted - np.stack([joints[name] for name in JOINTS], axis=-1)
+    # Angles the shorter way.
+    turned = np.remainder(away + np.pi, 2.0 * np.pi) - np.pi
+    away[..., _ANGLES] = turned[..., _ANGLES]
+    return away
+
+
 @dataclass(frozen=True)
 class ToGrip:
-    """What `to_grip` says: six numbers, m and rad."""
+    """What `to_grip` and `joints_to_grip` say: twelve numbers, m and rad."""
 
     body: str = BLOCK
     relative_to: str = TOOL
@@ -110,11 +145,11 @@ class ToGrip:
     def bounds(self, limits: Optional[Limits]) -> Tuple[Array, Array]:
         """None."""
         del limits
-        return np.full(6, -np.inf), np.full(6, np.inf)
+        return np.full(12, -np.inf), np.full(12, np.inf)
 
     def read(self, states: States) -> Array:
-        """Six numbers."""
-        return to_grip(states)
+        """Twelve numbers."""
+        return np.concatenate((to_grip(states), joints_to_grip(states)), axis=-1)
 
 
 def placed(rng: np.random.Generator) -> Mapping[str, Any]:
