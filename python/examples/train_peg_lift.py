@@ -186,7 +186,7 @@ def learner(env: Any, seed: int) -> PPO:
         gamma=0.98,
         gae_lambda=0.95,
         learning_rate=5e-4,
-        policy_kwargs={"log_std_init": -1.2, "net_arch": [128, 128]},
+        policy_kwargs={"log_std_init": -2.0, "net_arch": [128, 128]},
         seed=seed,
         device="cpu",
     )

@@ -204,9 +204,12 @@ def is_lifted(transition: Transition) -> Any:
 
 
 def way(states: States) -> Any:
-    """(…) from the tool to the grip, m: the distance, and `LEVER` for each rad of the turn."""
+    """(…) from the tool to the grip, m: distances aside and along the vertical, and `LEVER` for each rad of the turn. They are added, so
+    that jaws that stand on a wall gain by what brings them beside it.
+    """
     to = to_grip(states)
-    return np.linalg.norm(to[..., :3], axis=-1) + LEVER * np.linalg.norm(to[..., 3:], axis=-1)
+    aside, turn = np.linalg.norm(to[..., :2], axis=-1), np.linalg.norm(to[..., 3:], axis=-1)
+    return aside + np.abs(to[..., 2]) + LEVER * turn
 
 
 def worth(states: States) -> Any:
