@@ -31,6 +31,7 @@ from matplotlib import pyplot
 EPISODES = 100
 RECENT = 200
 FIRST_SEED = 10_000
+FIRST_DEMONSTRATION = 20_000
 MARKS = ("<!-- peg lift: begin -->\n", "<!-- peg lift: end -->\n")
 COLUMNS = ("steps", "seconds", "exploring", "success", "return", "length")
 
@@ -148,7 +149,8 @@ class Curve(BaseCallback):
             f"Machine: {processor()}, {len(os.sched_getaffinity(0))} cores, one thread of PyTorch, Linux "
             f"{platform.release()}; Python {platform.python_version()}, stable-baselines3 "
             f"{stable_baselines3.__version__}, PyTorch {torch.__version__}. Load average at the end: "
-            f"{os.getloadavg()[0]:.1f}. Seed {chosen.seed}, {chosen.worlds} worlds. Training alone: {last[1]:.0f} s for "
+            f"{os.getloadavg()[0]:.1f}. Seed {chosen.seed}, {chosen.worlds} worlds, "
+            f"{chosen.demonstrations} demonstrations. Training alone: {last[1]:.0f} s for "
             f"{steps} steps, {rate:.0f} a second, the learner's work included.",
             "",
             f"| steps | training, s | successes of {EPISODES} | exploring, of the last {RECENT} | mean return | mean length, steps |",
@@ -175,6 +177,43 @@ def processor() -> str:
     return platform.machine()
 
 
+def demonstrated(worlds: int) -> tuple[Any, Any]:
+    """Observations and actions of the scripted solution, of an episode in each of so many worlds, as long as they last."""
+    tests = VecEnv(peg_lift.SCENE, peg_lift.TASK, worlds)
+    tests.seed(FIRST_DEMONSTRATION)
+    observations = tests.reset()
+    players = [peg_lift.Player() for _ in range(worlds)]
+    running = np.ones(worlds, bool)
+    seen, done_so = [], []
+    while running.any():
+        states = tests.worlds.states
+        # Those that have ended begin again, and are not looked at.
+        actions = np.stack([player.action(states[i]) for i, player in enumerate(players)])
+        seen.append(observations[running])
+        done_so.append(actions[running])
+        observations, _, done, _ = tests.step(actions)
+        running &= ~done
+    tests.close()
+    return np.concatenate(seen), np.concatenate(done_so)
+
+
+def imitate(model: PPO, env: VecNormalize, worlds: int, epochs: int = 60) -> None:
+    """Fits the policy's mean to demonstrations (behaviour cloning), by mean squared error."""
+    seen, actions = demonstrated(worlds)
+    env.obs_rms.update(seen)
+    inputs = torch.as_tensor(env.normalize_obs(seen), dtype=torch.float32)
+    wanted = torch.as_tensor(actions, dtype=torch.float32)
+    optimiser = torch.optim.Adam(model.policy.parameters(), lr=1e-3)
+    for _ in range(epochs):
+        loss = torch.zeros(())
+        for chosen in torch.randperm(len(inputs)).split(256):
+            loss = ((model.policy.get_distribution(inputs[chosen]).distribution.mean - wanted[chosen]) ** 2).mean()
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+    print(f"{len(inputs)} steps of demonstrations, mean squared error {loss.item():.4f}", flush=True)
+
+
 def learner(env: Any, seed: int) -> PPO:
     """PPO with roll-outs of 64 steps in each world."""
     return PPO(
@@ -185,7 +224,8 @@ def learner(env: Any, seed: int) -> PPO:
         n_epochs=10,
         gamma=0.98,
         gae_lambda=0.95,
-        learning_rate=5e-4,
+        target_kl=0.03,
+        learning_rate=1e-4,
         policy_kwargs={"log_std_init": -2.0, "net_arch": [128, 128]},
         seed=seed,
         device="cpu",
@@ -202,13 +242,17 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=32)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--model", type=Path, help="file into which the policy is saved after each evaluation")
+    parser.add_argument("--demonstrations", type=int, default=64, help="of the scripted solution, before PPO; 0: none")
     parser.add_argument("--fine", action="store_true", help="evaluate what was learnt with sub-steps of 1 ms, too")
     chosen = parser.parse_args()
     torch.set_num_threads(1)
 
     env = VecNormalize(VecMonitor(VecEnv(peg_lift.SCENE, peg_lift.TASK, chosen.worlds)), norm_reward=False)
     curve = Curve(chosen, env)
-    learner(env, chosen.seed).learn(chosen.steps, callback=curve)
+    model = learner(env, chosen.seed)
+    if chosen.demonstrations:
+        imitate(model, env, chosen.demonstrations)
+    model.learn(chosen.steps, callback=curve)
     curve.finish()
     env.close()
 
