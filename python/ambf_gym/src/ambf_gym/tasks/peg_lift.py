@@ -107,7 +107,8 @@ def grip_of(states: States) -> Tuple[Array, Array]:
     turns = _times(held.rotation[..., None, :], _TURNS)
     best = np.abs(np.sum(turns * tool.rotation[..., None, :], axis=-1)).argmax(axis=-1)
     turn = np.take_along_axis(turns, best[..., None, None], axis=-2)[..., 0, :]
-    return held.position + _turned(held.rotation, _OFFSETS[best]), turn
+    place: Array = held.position + _turned(held.rotation, _OFFSETS[best])
+    return place, turn
 
 
 def to_grip(states: States) -> Array:
