@@ -129,7 +129,7 @@ def joints_to_grip(states: States) -> Array:
     place, turn = grip_of(states)
     wanted = unlimited_all((place - origin) @ axes, axes.T @ matrices_of(turn))
     joints = states.bodies[BASE].joint_positions
-    away = wanted - np.stack([joints[name] for name in JOINTS], axis=-1)
+    away: Array = wanted - np.stack([joints[name] for name in JOINTS], axis=-1)
     # Angles the shorter way.
     turned = np.remainder(away + np.pi, 2.0 * np.pi) - np.pi
     away[..., _ANGLES] = turned[..., _ANGLES]
