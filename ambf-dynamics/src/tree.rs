@@ -2,8 +2,8 @@
 //! kinematics.
 //!
 //! They depend on masses, inertias, frames and coordinates only, not on the solver that moves the bodies: joints have no gap, and
-//! friction, damping, springs, motors and contacts are not part of them. The inertia of rotors is; couplings of joints are rows of
-//! [`Tree::coupling_rows`], and nothing else here knows of them. The algorithms are those of Featherstone, *Rigid Body
+//! friction, damping, springs, motors and contacts are not part of them. The inertia of rotors is. Couplings of joints are rows of
+//! [`Tree::coupling_rows`], inverse kinematics keep to them, and nothing else here knows of them. The algorithms are those of Featherstone, *Rigid Body
 //! Dynamics Algorithms* (2008): recursive Newton-Euler (§5.3), composite rigid bodies (§6.2); Jacobians §2.11 there. Quantities
 //! are vectors at centres of mass in the axes of the world, not spatial vectors, so that nothing is lost far from the origin.
 //!
@@ -11,7 +11,11 @@
 //! axes of the world; then those of the joints (rad/s or m/s). Accelerations are the derivatives of these numbers, and forces what
 //! makes power with them: N and N·m on the base's centre of mass, N·m or N along joints.
 
+mod inverse;
+
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Matrix6xX, Translation3, Unit, UnitQuaternion, Vector3};
+
+pub use inverse::{Goal, LimitsContradict, Reached};
 
 /// How a link moves relative to its parent. The number is the index of the joint's coordinate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,6 +60,8 @@ pub struct Follower {
     pub coordinate: usize,
     /// Indices of the others' coordinates, and the rate of this one over that of each.
     pub leaders: Vec<(usize, f64)>,
+    /// The number that is added, rad or m.
+    pub offset: f64,
 }
 
 impl Link {
@@ -107,18 +113,33 @@ impl Tree {
     /// The same tree with joints that follow others.
     ///
     /// # Panics
-    /// If one of their coordinates is not there.
+    /// If one of their coordinates is not there, one is named twice, or one follows itself by way of others.
     #[must_use]
     pub fn with_followers(mut self, followers: Vec<Follower>) -> Self {
         let all = followers.iter().flat_map(|follower| {
             std::iter::once(follower.coordinate).chain(follower.leaders.iter().map(|(leader, _)| *leader))
         });
         assert!(all.max().is_none_or(|most| most < self.joints), "coordinates of followers");
-        self.followers = followers;
+        // Each after its leaders.
+        let mut waiting: Vec<Option<Follower>> = vec![None; self.joints];
+        let count = followers.len();
+        for follower in followers {
+            let coordinate = follower.coordinate;
+            assert!(waiting[coordinate].replace(follower).is_none(), "coordinate {coordinate} follows twice");
+        }
+        self.followers.clear();
+        while self.followers.len() < count {
+            let is_next = |place: &Option<Follower>| {
+                place.as_ref().is_some_and(|one| one.leaders.iter().all(|(leader, _)| waiting[*leader].is_none()))
+            };
+            let next = waiting.iter().position(is_next);
+            let follower = next.and_then(|place| waiting[place].take());
+            self.followers.push(follower.expect("a coordinate follows itself"));
+        }
         self
     }
 
-    /// Joints that follow others.
+    /// Joints that follow others, each after those of its leaders that follow.
     pub fn followers(&self) -> &[Follower] {
         &self.followers
     }
@@ -128,7 +149,7 @@ impl Tree {
     /// M·a + bias = forces + Cᵀ·λ, C·a = 0.
     pub fn coupling_rows(&self) -> DMatrix<f64> {
         let mut rows = DMatrix::zeros(self.followers.len(), self.rates());
-        for (row, Follower { coordinate, leaders }) in self.followers.iter().enumerate() {
+        for (row, Follower { coordinate, leaders, .. }) in self.followers.iter().enumerate() {
             rows[(row, self.first_joint() + coordinate)] += 1.0;
             for &(leader, ratio) in leaders {
                 rows[(row, self.first_joint() + leader)] -= ratio;
@@ -213,61 +234,6 @@ impl Tree {
         Posture { tree: self, poses, freedoms }
     }
 
-    /// Joint coordinates with which a point of a link is where `goal` says, near `start`: damped least squares
-    /// (Levenberg-Marquardt; Nakamura and Hanafusa 1986), in which coordinates at a limit that they would leave stay there.
-    /// The base stays where it is. It finds what is near: an answer that is not `reached` may have others at other starts.
-    ///
-    /// # Panics
-    /// If there are not as many coordinates as [joints](Self::joints), or the link is not there.
-    pub fn inverse_kinematics(&self, base: &Isometry3<f64>, start: &[f64], goal: &Goal) -> Reached {
-        let limits = self.limits();
-        let clamped = |positions: &mut [f64]| {
-            for (position, [low, high]) in positions.iter_mut().zip(&limits) {
-                *position = position.max(*low).min(*high);
-            }
-        };
-        let mut positions = start.to_vec();
-        clamped(&mut positions);
-        let mut damping = FIRST_DAMPING;
-        let mut posture = self.posture(base, &positions);
-        let mut error = goal.error(&posture);
-        for _ in 0..goal.iterations {
-            if goal.is_reached(&error) {
-                break;
-            }
-            let (jacobian, wanted) = goal.equations(&posture, &error);
-            let slope = jacobian.tr_mul(&wanted);
-            let is_held = |joint: usize| {
-                let [low, high] = limits[joint];
-                (positions[joint] <= low && slope[joint] < 0.0) || (positions[joint] >= high && slope[joint] > 0.0)
-            };
-            let moving: Vec<usize> = (0..self.joints).filter(|joint| !is_held(*joint)).collect();
-            let reduced = jacobian.select_columns(&moving);
-            let slope = DVector::from_iterator(moving.len(), moving.iter().map(|joint| slope[*joint]));
-            let mut matrix = reduced.tr_mul(&reduced);
-            for i in 0..moving.len() {
-                matrix[(i, i)] += damping;
-            }
-            let Some(change) = matrix.cholesky().map(|factor| factor.solve(&slope)) else { break };
-            let mut next = positions.clone();
-            moving.iter().zip(change.iter()).for_each(|(joint, by)| next[*joint] += by);
-            clamped(&mut next);
-            let next_posture = self.posture(base, &next);
-            let next_error = goal.error(&next_posture);
-            if goal.size(&next_error) < goal.size(&error) {
-                (positions, posture, error) = (next, next_posture, next_error);
-                damping = (damping * 0.1).max(f64::MIN_POSITIVE);
-            } else {
-                damping *= 10.0;
-                if damping > LARGEST_DAMPING {
-                    break;
-                }
-            }
-        }
-        let [position_error, rotation_error] = error.map(|part| part.norm());
-        Reached { positions, position_error, rotation_error, reached: goal.is_reached(&error) }
-    }
-
     /// (joints) ranges of the coordinates.
     pub fn limits(&self) -> Vec<[f64; 2]> {
         let mut limits = vec![[f64::NEG_INFINITY, f64::INFINITY]; self.joints];
@@ -278,73 +244,6 @@ impl Tree {
         }
         limits
     }
-}
-
-/// Damping of inverse kinematics that is tried first, m² or rad².
-const FIRST_DAMPING: f64 = 1e-3;
-
-/// Damping with which nothing moves any more.
-const LARGEST_DAMPING: f64 = 1e12;
-
-/// Where inverse kinematics is to bring a point of a link.
-#[derive(Debug, Clone)]
-pub struct Goal {
-    /// Index of the link.
-    pub link: usize,
-    /// The frame on the link that is brought there, in the link's frame. Default: the link's own.
-    pub frame: Isometry3<f64>,
-    /// Where its origin is to be, m, world; `None`: anywhere.
-    pub position: Option<Vector3<f64>>,
-    /// How it is to be turned, world; `None`: anyhow.
-    pub rotation: Option<UnitQuaternion<f64>>,
-    /// Largest errors that count as reached, m and rad.
-    pub tolerance: [f64; 2],
-    /// Most steps.
-    pub iterations: usize,
-}
-
-impl Goal {
-    /// Distance by which the origin is off, and the turn by which the frame is, rad; axes of the world.
-    fn error(&self, posture: &Posture<'_>) -> [Vector3<f64>; 2] {
-        let frame = posture.poses[self.link] * self.frame;
-        let distance = self.position.map_or_else(Vector3::zeros, |wanted| wanted - frame.translation.vector);
-        let turn =
-            self.rotation.map_or_else(Vector3::zeros, |wanted| (wanted * frame.rotation.inverse()).scaled_axis());
-        [distance, turn]
-    }
-
-    fn is_reached(&self, error: &[Vector3<f64>; 2]) -> bool {
-        error.iter().zip(&self.tolerance).all(|(part, most)| part.norm() <= *most)
-    }
-
-    fn size(&self, error: &[Vector3<f64>; 2]) -> f64 {
-        error.iter().map(Vector3::norm_squared).sum()
-    }
-
-    /// Jacobian of what is wanted by the joints, and what is to be gone.
-    fn equations(&self, posture: &Posture<'_>, error: &[Vector3<f64>; 2]) -> (DMatrix<f64>, DVector<f64>) {
-        let point = (posture.poses[self.link] * self.frame).translation.vector;
-        let jacobian = posture.jacobian(self.link, &point);
-        let first = posture.tree.first_joint();
-        let is_wanted = |row: &usize| if *row < 3 { self.position.is_some() } else { self.rotation.is_some() };
-        let rows: Vec<usize> = (0..6).filter(is_wanted).collect();
-        let wanted = DVector::from_iterator(rows.len(), rows.iter().map(|row| error[row / 3][row % 3]));
-        let of_joints = jacobian.columns(first, posture.tree.joints).into_owned();
-        (DMatrix::from_fn(rows.len(), posture.tree.joints, |row, column| of_joints[(rows[row], column)]), wanted)
-    }
-}
-
-/// What [`Tree::inverse_kinematics`] found.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Reached {
-    /// (joints) coordinates, rad or m, within their limits.
-    pub positions: Vec<f64>,
-    /// What is left, m.
-    pub position_error: f64,
-    /// What is left, rad.
-    pub rotation_error: f64,
-    /// Whether both are within the tolerance.
-    pub reached: bool,
 }
 
 /// One way in which a tree can move, in the axes of the world.

@@ -1,7 +1,7 @@
 """Trains the reach task with SAC or PPO of stable-baselines3 and records how the return grows: train_reach.py FOLDER [options].
 
 Worlds are those of `ambf_gym.sb3.VecEnv`, in this process. Writes FOLDER/reach.csv (return of each episode), FOLDER/reach.svg (curve) and
-FOLDER/reach.json (before and after). `scripts/train-reach` runs it in a virtual environment that has what it needs.
+FOLDER/reach.json (before and after). `scripts/train reach` runs it in a virtual environment that has what it needs.
 """
 
 from __future__ import annotations

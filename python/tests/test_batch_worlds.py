@@ -18,6 +18,7 @@ from ambf_gym import (
 )
 from ambf_gym.backend import BodyCommand
 from ambf_gym.parts import (
+    Hold,
     JointEfforts,
     JointPositions,
     JointVelocities,
@@ -26,8 +27,9 @@ from ambf_gym.parts import (
     Rotation,
     Twist,
 )
-from ambf_gym.tasks import lift, reach
+from ambf_gym.tasks import lift, needle_pick, reach
 from ambf_gym.worlds import Worlds
+from lift_by_hand import Hand
 
 N = 3
 
@@ -62,6 +64,16 @@ def other_task():
         settle_steps=3,
         max_steps=9,
     )
+
+
+class Above(Position):
+    """A part of one's own: one number."""
+
+    def bounds(self, limits):
+        return np.full(1, -np.inf), np.full(1, np.inf)
+
+    def read(self, states):
+        return states.bodies[self.body].position[..., 2:] + 1.0
 
 
 class TestWorlds(unittest.TestCase):
@@ -129,6 +141,92 @@ class TestWorlds(unittest.TestCase):
         self.assertGreater(len({*np.array(found)[:, :, 0].ravel()}), 2)
         self.assertFalse(np.array(found)[:, :, 1].any())
 
+    def test_actuators_hold_and_tasks_remember(self):
+        """Blocks that are lifted, and needles that change hands, in worlds that are at different places of their scripts."""
+        for module, player, steps in (
+            (lift, lambda env: Hand(), 150),
+            (needle_pick, lambda env: needle_pick.Player(), 120),
+        ):
+            task = lift.TASK if module is lift else needle_pick.task()
+            worlds = Worlds(module.SCENE, task, N)
+            self.addCleanup(worlds.close)
+            singles = [SimulatorEnv(InProcessBackend(module.SCENE), task) for _ in range(N)]
+            seen = worlds.reset(seeds=[1, 2, 3])
+            expected = [env.reset(seed=seed)[0] for seed, env in zip((1, 2, 3), singles)]
+            players = [player(env) for env in singles]
+            held, told = set(), set()
+            for step in range(steps):
+                np.testing.assert_array_equal(seen, expected)
+                if module is lift:
+                    actions = [one(observation) for one, observation in zip(players, expected)]
+                else:
+                    actions = [one.action(env.states) for one, env in zip(players, singles)]
+                # One world lags behind the others.
+                actions[2] *= step > 20
+                seen, rewards, terminated, _, infos = worlds.step(np.stack(actions))
+                results = [env.step(action) for env, action in zip(singles, actions)]
+                expected = [result[0] for result in results]
+                self.assertEqual(list(zip(rewards, terminated)), [result[1:3] for result in results])
+                self.assertEqual(list(infos), [result[4] for result in results])
+                held.add(tuple(worlds.batch.holding.any(axis=1)))
+                told.add(tuple(info.get("stage") for info in infos))
+                if terminated.any():
+                    break
+            for env in singles:
+                env.close()
+            self.assertTrue({(False,) * 3, (True,) * 3} <= held and len(held) > 2, held)
+            self.assertTrue(module is lift or {stage for stages in told for stage in stages} >= {0, 1}, told)
+
+    def test_parts_of_ones_own(self):
+        """They read arrays of worlds, between those of the package; alone they read the same of one."""
+        task = Task(
+            (Position("block"), Above("block"), Position("palm"), Above("palm")),
+            (DriveBody("palm", "velocity", low=-1, high=1),),
+            lambda step: np.zeros(len(step.after)) if step.after.flat.ndim > 1 else 0.0,
+            of_arrays=True,
+        )
+        worlds = Worlds(lift.SCENE, task, 2)
+        self.addCleanup(worlds.close)
+        singles = [SimulatorEnv(InProcessBackend(lift.SCENE), task) for _ in range(2)]
+        np.testing.assert_array_equal(
+            worlds.reset(seeds=[1, 2]), [env.reset(seed=seed)[0] for seed, env in zip((1, 2), singles)]
+        )
+        actions = np.array([[0, 0, -0.2], [0.3, 0, 0.1]])
+        for _ in range(5):
+            seen = worlds.step(actions)[0]
+            np.testing.assert_array_equal(seen, [env.step(action)[0] for env, action in zip(singles, actions)])
+        np.testing.assert_allclose(seen[:, 3], seen[:, 2] + 1.0, atol=1e-6)
+        for env in singles:
+            env.close()
+
+    def test_joints_that_are_tied(self):
+        """One number opens both fingers, which are kept where they are to be at rest; alone and in many worlds."""
+        fingers = ("leftslide", "rightslide")
+        task = Task(
+            (JointPositions("palm", fingers), JointVelocities("palm", fingers)),
+            (DriveJoints("palm", fingers, tied=True, at_rest=0.01),),
+            lambda step: 0.0,
+            settle_steps=300,
+        )
+        worlds, env = Worlds(lift.SCENE, task, 2), SimulatorEnv(InProcessBackend(lift.SCENE), task)
+        self.addCleanup(worlds.close)
+        self.addCleanup(env.close)
+        self.assertEqual((worlds.action_space.shape, env.action_space.shape), ((1,), (1,)))
+        seen, alone = worlds.reset(seeds=[1, 2]), env.reset(seed=1)[0]
+        np.testing.assert_array_equal(seen[0], alone)
+        rested = seen[0, :2]
+        other = Worlds(lift.SCENE, Task(**{**vars(task), "act": (DriveJoints("palm", fingers, tied=True),)}), 1)
+        self.addCleanup(other.close)
+        self.assertGreater(np.abs(rested - other.reset()[0, :2]).min(), 0.005)
+        for _ in range(30):
+            seen, alone = worlds.step(np.array([[1.0], [-1.0]]))[0], env.step([1.0])[0]
+            np.testing.assert_array_equal(seen[0], alone)
+        # Both fingers of a world go one way, and those of the other one the other.
+        self.assertLess(np.ptp(seen[0, :2]), 1e-3)
+        self.assertGreater(seen[0, :2].min(), seen[1, :2].max() + 0.005)
+        with self.assertRaisesRegex(InvalidDescription, "at rest"):
+            DriveJoints("palm", fingers, mode="effort", at_rest=0.1)
+
     def test_integrators(self):
         """They are those of single environments."""
         worlds = Worlds(reach.SCENE, reach.TASK, 1, integrator="euler")
@@ -168,8 +266,12 @@ class TestWorlds(unittest.TestCase):
         np.testing.assert_array_equal(worlds.batch.poses, before)
         self.assertRaises(ValueError, worlds.reset, np.ones(3, dtype=bool))
         self.assertRaises(ValueError, Worlds, reach.SCENE, reach.TASK, 0)
-        with self.assertRaisesRegex(InvalidDescription, "no actuators"):
-            Worlds(lift.SCENE, lift.TASK, 2)
+        hand = Hold("hand", sensor="proximity")
+        with self.assertRaisesRegex(InvalidDescription, "hand"):
+            Worlds(lift.SCENE, Task((Position("block"),), (hand,), lambda step: 0.0), 2)
+        own = Task((Above("block"),), lift.TASK.act, lambda step: 0.0)
+        with self.assertRaisesRegex(InvalidDescription, "of_arrays"):
+            Worlds(lift.SCENE, own, 2)
         with self.assertRaisesRegex(InvalidDescription, "nobody"):
             Worlds(reach.SCENE, Task((Position("nobody"),), (), lambda step: 0.0), 2)
 

@@ -108,6 +108,26 @@ impl SceneObject for Actuator {
     }
 }
 
+impl Scene {
+    /// Looks whether there is what a command lets an actuator hold. A command that releases names nothing.
+    ///
+    /// # Errors
+    /// A sentence that says what is not there, or not unique.
+    pub fn check_actuator_command(&self, id: ActuatorId, command: &ActuatorCommand) -> Result<(), String> {
+        let (actuator, Scene { sensors, bodies, .. }) = (&self.actuators[id], self);
+        let (sensor, body) = (&command.sensor_identifier, &command.body_name);
+        match (command.actuate, command.use_sensor_data) {
+            (true, true) if named(sensors, sensor, |sensor| &sensor.identity).is_none() => {
+                Err(actuator.complaint(&sensors.names, "sensor", sensor))
+            }
+            (true, false) if named(bodies, body, |body| &body.identity).is_none() => {
+                Err(actuator.complaint(&bodies.names, "body", body))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
 /// The object that `text` names: by its identifier or a part of it, else by the name of its topics or the last parts of that.
 fn named<I: Id, T>(objects: &Objects<I, T>, text: &str, identity: impl Fn(&T) -> &Identity) -> Option<I> {
     let identified = objects.names.id(text);
@@ -183,7 +203,11 @@ impl Actuator {
 
     fn complain<I: Id>(&mut self, names: &NameMap<I>, what: &str, text: &str) -> Option<String> {
         let first = !std::mem::replace(&mut self.complained, true);
-        first.then(|| format!("actuator `{}`: {what} `{text}` is {}", self.identity.key(), names.find(text)))
+        first.then(|| self.complaint(names, what, text))
+    }
+
+    fn complaint<I: Id>(&self, names: &NameMap<I>, what: &str, text: &str) -> String {
+        format!("actuator `{}`: {what} `{text}` is {}", self.identity.key(), names.find(text))
     }
 
     /// Holds a body at `offset`, the pose of the constraint in its inertial frame, or where it is now.

@@ -104,10 +104,10 @@ impl Scene {
         let number = |id: &JointId| with_coordinate.binary_search(id).ok();
         let followers = with_coordinate.iter().enumerate().filter_map(|(coordinate, id)| {
             let coupling = self.joints[*id].coupling.as_ref()?;
-            // A leader in another tree: that coupling is between two.
+            // A leader in another tree: that coupling is between two, and nothing of this one.
             let leaders: Option<Vec<_>> =
                 coupling.leaders.iter().map(|(leader, ratio)| Some((number(leader)?, *ratio))).collect();
-            Some(Follower { coordinate, leaders: leaders? })
+            Some(Follower { coordinate, leaders: leaders?, offset: coupling.offset })
         });
         let tree = Tree::new(links, of_base.is_dynamic()).with_followers(followers.collect());
         Ok(Mechanism { tree, bodies: order, joints: with_coordinate })

@@ -2,6 +2,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::Point3;
 
+use super::inverse::Folding;
 use super::*;
 
 /// Numbers between -1 and 1.
@@ -284,8 +285,8 @@ fn couplings_are_rows_of_the_rates() {
     let mut numbers = Numbers(5);
     for (is_free, first) in [(false, 0), (true, 6)] {
         let followers = vec![
-            Follower { coordinate: 2, leaders: vec![(0, 0.5), (5, -3.0)] },
-            Follower { coordinate: 4, leaders: vec![(2, 2.0)] },
+            Follower { coordinate: 2, leaders: vec![(0, 0.5), (5, -3.0)], offset: 0.0 },
+            Follower { coordinate: 4, leaders: vec![(2, 2.0)], offset: 0.0 },
         ];
         let tree = numbers.tree(is_free).with_followers(followers);
         let rows = tree.coupling_rows();
@@ -316,7 +317,7 @@ fn goals_within_reach_are_reached() {
             iterations: 200,
         };
         let start: Vec<f64> = state.positions.iter().map(|position| position + 0.3 * numbers.next()).collect();
-        let found = tree.inverse_kinematics(&state.base, &start, &goal);
+        let found = tree.inverse_kinematics(&state.base, &start, &goal).unwrap();
         reached += usize::from(found.reached);
         let there = tree.posture(&state.base, &found.positions).poses()[link] * frame;
         let missed = (there.translation.vector - pose.translation.vector).norm();
@@ -338,12 +339,148 @@ fn goals_beyond_the_limits_are_come_near() {
         tolerance: [1e-6; 2],
         iterations: 100,
     };
-    let found = tree.inverse_kinematics(&Isometry3::identity(), &[0.0], &goal);
+    let found = tree.inverse_kinematics(&Isometry3::identity(), &[0.0], &goal).unwrap();
     assert_eq!((found.positions, found.reached), (vec![0.25], false));
     // A goal that leads nowhere, and no iteration at all.
     let far = Goal { position: Some(Vector3::repeat(1e6)), ..goal.clone() };
-    let found = tree.inverse_kinematics(&Isometry3::identity(), &[7.0], &far);
+    let found = tree.inverse_kinematics(&Isometry3::identity(), &[7.0], &far).unwrap();
     assert!(!found.reached && found.positions[0].abs() <= 0.5);
     let none = Goal { iterations: 0, ..goal };
-    assert!(!tree.inverse_kinematics(&Isometry3::identity(), &[0.1], &none).reached);
+    assert!(!tree.inverse_kinematics(&Isometry3::identity(), &[0.1], &none).unwrap().reached);
+}
+
+/// A tree in which one joint follows two, and another one that one.
+fn coupled(numbers: &mut Numbers, is_free: bool) -> Tree {
+    numbers.tree(is_free).with_followers(vec![
+        Follower { coordinate: 4, leaders: vec![(2, 0.8)], offset: -0.3 },
+        Follower { coordinate: 2, leaders: vec![(0, 0.5), (5, -0.7)], offset: 0.1 },
+    ])
+}
+
+fn followed(positions: &mut [f64]) {
+    positions[2] = 0.5 * positions[0] - 0.7 * positions[5] + 0.1;
+    positions[4] = 0.8 * positions[2] - 0.3;
+}
+
+#[test]
+fn columns_of_followers_are_added_to_those_of_their_leaders() {
+    let mut numbers = Numbers(11);
+    for is_free in [false, true] {
+        let tree = coupled(&mut numbers, is_free);
+        let folding = Folding::of(&tree);
+        assert_eq!(folding.free, [0, 1, 3, 5]);
+        let free = DVector::from_vec(numbers.list(4));
+        let state =
+            State { positions: folding.positions(&free).as_slice().to_vec(), ..State::any(&tree, &mut numbers) };
+        let mut expected = state.positions.clone();
+        followed(&mut expected);
+        assert!((DVector::from_vec(expected) - DVector::from_column_slice(&state.positions)).amax() < 1e-15);
+        let (link, first) = (tree.links().len() - 1, tree.rates() - tree.joints());
+        let posture = state.posture(&tree);
+        let point = posture.centre(link);
+        let jacobian = posture.jacobian(link, &point).columns(first, tree.joints()) * &folding.rates;
+        for column in 0..4 {
+            let at = |by: f64| {
+                let positions = folding.positions(&(&free + DVector::from_vec(unit(4, column, by))));
+                tree.posture(&state.base, positions.as_slice()).poses()[link]
+            };
+            let (before, after) = (at(-STEP), at(STEP));
+            let linear = (after.translation.vector - before.translation.vector) / (2.0 * STEP);
+            let angular = (after.rotation * before.rotation.inverse()).scaled_axis() / (2.0 * STEP);
+            assert!((jacobian.fixed_view::<3, 1>(0, column) - linear).amax() < 1e-8);
+            assert!((jacobian.fixed_view::<3, 1>(3, column) - angular).amax() < 1e-8);
+        }
+    }
+}
+
+#[test]
+fn followers_follow_in_inverse_kinematics() {
+    let mut numbers = Numbers(5);
+    let (mut reached, rounds) = (0, 50);
+    for _ in 0..rounds {
+        let tree = coupled(&mut numbers, false);
+        let mut state = State::any(&tree, &mut numbers);
+        followed(&mut state.positions);
+        let link = tree.links().len() - 1;
+        let pose = state.posture(&tree).poses()[link];
+        let goal = Goal {
+            link,
+            frame: Isometry3::identity(),
+            position: Some(pose.translation.vector),
+            rotation: None,
+            tolerance: [1e-9; 2],
+            iterations: 200,
+        };
+        // The followers' numbers are not those that the leaders ask for.
+        let start: Vec<f64> = state.positions.iter().map(|position| position + 0.3 * numbers.next()).collect();
+        let found = tree.inverse_kinematics(&state.base, &start, &goal).unwrap();
+        let mut asked = found.positions.clone();
+        followed(&mut asked);
+        let apart = found.positions.iter().zip(&asked).map(|(found, asked)| (found - asked).abs());
+        assert!(apart.fold(0.0, f64::max) < 1e-12, "{:?}, not {asked:?}", found.positions);
+        assert!(found.positions.iter().all(|position| position.abs() <= 2.0), "within limits");
+        let there = tree.posture(&state.base, &found.positions).poses()[link].translation.vector;
+        assert!(((there - pose.translation.vector).norm() - found.position_error).abs() < 1e-12);
+        reached += usize::from(found.reached);
+    }
+    assert!(reached >= rounds - 2, "{reached} of {rounds}");
+}
+
+/// Two jaws on slides along x, the second of which moves against the first, on a carriage along y.
+fn gripper(limits: [[f64; 2]; 3]) -> Tree {
+    let slide = |number, axis, parent, limits| Link {
+        parent,
+        motion: Motion::Prismatic(number),
+        pivot: Vector3::zeros(),
+        axis,
+        rest: Isometry3::identity(),
+        limits,
+        ..Link::base(1.0, Vector3::repeat(1.0), Vector3::zeros())
+    };
+    let links = vec![
+        Link::base(0.0, Vector3::zeros(), Vector3::zeros()),
+        slide(0, Vector3::y_axis(), 0, limits[0]),
+        slide(1, Vector3::x_axis(), 1, limits[1]),
+        slide(2, Vector3::x_axis(), 1, limits[2]),
+    ];
+    Tree::new(links, false).with_followers(vec![Follower { coordinate: 2, leaders: vec![(1, -1.0)], offset: 0.0 }])
+}
+
+#[test]
+fn limits_of_followers_stop_their_leaders() {
+    let goal = |x: f64, y: f64| Goal {
+        link: 2,
+        frame: Isometry3::identity(),
+        position: Some(Vector3::new(x, y, 0.0)),
+        rotation: None,
+        tolerance: [1e-9; 2],
+        iterations: 200,
+    };
+    let tree = gripper([[-1.0, 1.0], [-0.1, 0.1], [-0.04, 0.1]]);
+    let solve = |start: &[f64], goal: &Goal| tree.inverse_kinematics(&Isometry3::identity(), start, goal).unwrap();
+    let found = solve(&[0.0; 3], &goal(0.03, 0.5));
+    assert!(found.reached);
+    assert!((found.positions[2] + 0.03).abs() < 1e-8, "{:?}", found.positions);
+    // Beyond what the second jaw can do, from within and from outside; the carriage goes on.
+    for start in [[0.0; 3], [0.0, 0.1, 0.1], [0.0, -0.1, 0.0]] {
+        let found = solve(&start, &goal(0.09, 0.5));
+        assert!(!found.reached);
+        let expected = [0.5, 0.04, -0.04];
+        let apart = found.positions.iter().zip(expected).map(|(found, expected)| (found - expected).abs());
+        assert!(apart.fold(0.0, f64::max) < 1e-8, "{:?}", found.positions);
+        assert!((found.position_error - 0.05).abs() < 1e-8);
+    }
+    // The goal of the second jaw, which is moved by its leader.
+    let found = solve(&[0.0; 3], &Goal { link: 3, ..goal(-0.02, -0.5) });
+    assert!(found.reached && (found.positions[1] - 0.02).abs() < 1e-8, "{found:?}");
+    let apart = gripper([[-1.0, 1.0], [-0.1, 0.1], [0.2, 0.3]]);
+    let problem = apart.inverse_kinematics(&Isometry3::identity(), &[0.0; 3], &goal(0.0, 0.0)).unwrap_err();
+    assert_eq!(problem, LimitsContradict { coordinate: 2 });
+}
+
+#[test]
+#[should_panic(expected = "follows itself")]
+fn no_coordinate_follows_itself() {
+    let follow = |coordinate, leader| Follower { coordinate, leaders: vec![(leader, 1.0)], offset: 0.0 };
+    let _ = Numbers(1).tree(false).with_followers(vec![follow(0, 1), follow(1, 2), follow(2, 0)]);
 }

@@ -8,8 +8,8 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
-use ambf_core::comm::{HubIndex, ObjectKind, RayReading, RigidBodyCommand, SensorType, Snapshot};
-use ambf_core::ids::{BodyId, JointId, SensorId};
+use ambf_core::comm::{ActuatorCommand, HubIndex, ObjectKind, RayReading, RigidBodyCommand, SensorType, Snapshot};
+use ambf_core::ids::{ActuatorId, BodyId, JointId, SensorId};
 use ambf_core::scene::{ParameterChange, StateChange};
 use ambf_core::sim::{LostState, StepPool, Stepper, Steps};
 use ambf_core::text;
@@ -59,6 +59,13 @@ impl Sensor {
     }
 }
 
+/// An actuator in the arrays.
+struct Actuator {
+    name: String,
+    id: ActuatorId,
+    object: HubIndex,
+}
+
 /// What is the same in all worlds.
 struct Layout {
     rows: Vec<Row>,
@@ -71,6 +78,7 @@ struct Layout {
     rays: usize,
     /// Contact sensors.
     feelers: usize,
+    actuators: Vec<Actuator>,
 }
 
 /// Numbers of a body: pose and twist.
@@ -121,12 +129,23 @@ impl Layout {
             *first = columns.end;
             sensors.push(Sensor { name: names::of(&entry.info), id: *id, kind: info.kind, columns });
         }
-        Self { rows, joint_ids, joint_names, places, sensors, rays, feelers }
+        let mut actuators = Vec::new();
+        for (object, entry) in stepper.objects().entries() {
+            if let ObjectKind::Actuator(id, _) = &entry.info.kind {
+                actuators.push(Actuator { name: names::of(&entry.info), id: *id, object });
+            }
+        }
+        Self { rows, joint_ids, joint_names, places, sensors, rays, feelers, actuators }
     }
 
     /// Numbers that are seen of a world: those of bodies; positions, velocities and efforts of joints; measurements of rays and
-    /// what they see; forces on contact sensors and how many bodies touch them.
+    /// what they see; forces on contact sensors and how many bodies touch them; whether actuators hold something.
     fn size(&self) -> usize {
+        self.of_actuators() + self.actuators.len()
+    }
+
+    /// Where the numbers of actuators begin.
+    fn of_actuators(&self) -> usize {
         self.of_sensors() + 2 * (self.rays + self.feelers)
     }
 
@@ -155,7 +174,11 @@ impl Layout {
     fn sense(&self, snapshot: &Snapshot, numbers: &mut [f64]) {
         let (measured, numbers) = numbers.split_at_mut(self.rays);
         let (sensed, numbers) = numbers.split_at_mut(self.rays);
-        let (forces, touching) = numbers.split_at_mut(self.feelers);
+        let (forces, numbers) = numbers.split_at_mut(self.feelers);
+        let (touching, holding) = numbers.split_at_mut(self.feelers);
+        for (held, actuator) in holding.iter_mut().zip(&self.actuators) {
+            *held = f64::from(u8::from(snapshot.actuators[actuator.id]));
+        }
         for sensor in &self.sensors {
             let (readings, columns) = (&snapshot.sensors[sensor.id], sensor.columns.clone());
             if sensor.has_rays() {
@@ -285,6 +308,7 @@ pub struct Batch {
     sensed: Buffer,
     contact_forces: Buffer,
     touching: Buffer,
+    holding: Buffer,
     times: Buffer,
     lost: Buffer,
     kinds: Buffer,
@@ -359,6 +383,14 @@ impl Batch {
             buffer.write::<i64>(py, |numbers| {
                 for (to, lane) in numbers.chunks_exact_mut(count).zip(lanes) {
                     to.iter_mut().zip(&lane.seen[begin..][..count]).for_each(|(to, from)| *to = *from as i64);
+                }
+            })?;
+        }
+        let (first, count) = (self.layout.of_actuators(), self.layout.actuators.len());
+        if count > 0 {
+            self.holding.write::<bool>(py, |holding| {
+                for (to, lane) in holding.chunks_exact_mut(count).zip(lanes) {
+                    to.iter_mut().zip(&lane.seen[first..][..count]).for_each(|(to, from)| *to = *from != 0.0);
                 }
             })?;
         }
@@ -612,6 +644,7 @@ impl Batch {
             sensed: Buffer::command::<i64>(py, &[count, layout.rays], &[NOTHING])?,
             contact_forces: numbers(&[count, layout.feelers])?,
             touching: Buffer::command::<i64>(py, &[count, layout.feelers], &[0])?,
+            holding: Buffer::command::<bool>(py, &[count, layout.actuators.len()], &[false])?,
             times: numbers(&[count])?,
             lost: Buffer::command::<bool>(py, &[count], &[false])?,
             kinds: kinds(&[count, bodies])?,
@@ -662,6 +695,54 @@ impl Batch {
     }
 
     #[getter]
+    fn actuators(&self) -> Vec<String> {
+        self.layout.actuators.iter().map(|actuator| actuator.name.clone()).collect()
+    }
+
+    /// Lets an actuator hold what a sensor sees, or else a body, in the worlds in which `hold` says so, and let go in the others; in those of
+    /// `mask`.
+    fn hold(
+        &self,
+        py: Python<'_>,
+        actuator: usize,
+        mask: PyReadonlyArray1<'_, bool>,
+        hold: PyReadonlyArray1<'_, bool>,
+        sensor: &str,
+        body: &str,
+    ) -> PyResult<()> {
+        let no_actuator = || PyValueError::new_err(format!("there is no actuator {actuator}"));
+        let found = self.layout.actuators.get(actuator).ok_or_else(no_actuator)?;
+        let (mask, hold) = (mask.as_slice()?, hold.as_slice()?);
+        if [mask, hold].iter().any(|worlds| worlds.len() != self.count) {
+            return Err(PyValueError::new_err(format!("masks of {} and {} worlds", mask.len(), hold.len())));
+        }
+        let command = ActuatorCommand {
+            actuate: true,
+            body_name: body.to_owned(),
+            use_sensor_data: !sensor.is_empty(),
+            sensor_identifier: sensor.to_owned(),
+            ..ActuatorCommand::default()
+        };
+        self.with(py, |lanes| {
+            // All worlds are of one scene.
+            if let Some(lane) = lanes.first().filter(|_| hold.contains(&true)) {
+                lane.stepper.simulation().scene().check_actuator_command(found.id, &command)?;
+            }
+            for (lane, hold) in lanes.iter_mut().zip(hold).zip(mask).filter_map(|(of, is_meant)| is_meant.then_some(of))
+            {
+                if let Some(in_force) = lane.stepper.actuator_command(found.object) {
+                    match hold {
+                        true => in_force.clone_from(&command),
+                        false => *in_force = ActuatorCommand::default(),
+                    }
+                }
+            }
+            Ok(())
+        })?
+        .map_err(|problem: String| errors::not_found(py, &problem))
+    }
+
+    #[getter]
     fn joint_types(&self, py: Python<'_>) -> PyResult<Vec<&'static str>> {
         self.with(py, |lanes| {
             let joints = lanes.first().map(|lane| &lane.stepper.simulation().scene().joints);
@@ -681,6 +762,7 @@ impl Batch {
             "sensed" => &self.sensed,
             "contact_forces" => &self.contact_forces,
             "touching" => &self.touching,
+            "holding" => &self.holding,
             "times" => &self.times,
             "lost" => &self.lost,
             "kinds" => &self.kinds,

@@ -1,7 +1,7 @@
 //! Exceptions. Their classes are Python's, in `ambf.errors`.
 
 use ambf_core::bullet::StateError;
-use ambf_core::scene::{MechanismError, ParameterError, SetStateError};
+use ambf_core::scene::{ParameterError, SetStateError};
 use ambf_core::sim::{LostState, ModelError};
 use ambf_core::text::lines;
 use ambf_render::{NoSuchCamera, RenderError};
@@ -79,9 +79,9 @@ pub fn recording(py: Python<'_>, problem: &str) -> PyErr {
     raise(py, "RecordingError", (lines(problem).into_owned(),))
 }
 
-/// Error when bodies are no tree.
-pub fn tree(py: Python<'_>, problem: &MechanismError) -> PyErr {
-    raise(py, "TreeError", (lines(&problem.to_string()).into_owned(),))
+/// Error when bodies are no tree, or joints that follow others can't be within their limits.
+pub fn tree(py: Python<'_>, problem: &str) -> PyErr {
+    raise(py, "TreeError", (lines(problem).into_owned(),))
 }
 
 /// Error when there is no such camera, or several.

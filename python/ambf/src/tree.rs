@@ -8,7 +8,7 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::names;
+use crate::{errors, names};
 
 /// Numbers that Python gives.
 type Given<'py> = PyReadonlyArray1<'py, f64>;
@@ -23,6 +23,7 @@ pub struct Tree {
     /// (links) poses of the inertial frames in the frames of the bodies.
     offsets: Vec<Isometry3<f64>>,
     names: Vec<String>,
+    joint_names: Vec<String>,
     places: Vec<usize>,
 }
 
@@ -33,7 +34,8 @@ impl Tree {
         let (offsets, names) =
             (bodies().map(|body| body.inertial_offset).collect(), bodies().map(names::of_body).collect());
         let places = mechanism.joints.iter().filter_map(|joint| joints.binary_search(joint).ok()).collect();
-        Self { mechanism, offsets, names, places }
+        let joint_names = mechanism.joints.iter().map(|joint| scene.joints[*joint].name.clone()).collect();
+        Self { mechanism, offsets, names, joint_names, places }
     }
 
     pub fn bodies(&self) -> &[BodyId] {
@@ -208,7 +210,10 @@ impl Tree {
         let rotation = rotation.map(rotation_of).transpose()?;
         let position: Option<Vector3<f64>> = position.map(Vector3::from);
         let goal = Goal { link, frame, position, rotation, tolerance, iterations };
-        let found = py.detach(|| tree.inverse_kinematics(&base, start, &goal));
+        let found = py.detach(|| tree.inverse_kinematics(&base, start, &goal)).map_err(|problem| {
+            let joint = self.joint_names.get(problem.coordinate).map_or("", String::as_str);
+            errors::tree(py, &format!("{problem}; those of {joint} are not kept"))
+        })?;
         Ok((PyArray1::from_vec(py, found.positions), found.position_error, found.rotation_error, found.reached))
     }
 }

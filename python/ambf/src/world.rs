@@ -819,7 +819,7 @@ impl World {
         let id = self.row(body)?.id;
         self.with(py, |physics| {
             let scene = physics.stepper.simulation().scene();
-            let mechanism = scene.mechanism(id).map_err(|problem| errors::tree(py, &problem))?;
+            let mechanism = scene.mechanism(id).map_err(|problem| errors::tree(py, &problem.to_string()))?;
             Ok(Tree::new(mechanism, scene, &self.joint_ids))
         })?
     }

@@ -96,6 +96,59 @@ class Batches(unittest.TestCase):
             self.assertEqual(touched, {0, 1})
             self.assertRaises(ambf.NotFoundError, worlds.columns, "eye")
 
+    def test_actuators_are_those_of_simulations(self):
+        """What the palm's ray sees, or a body, is held in some worlds, at different times; resets let go."""
+        model = RESOURCES / "models/gripper.yaml"
+        for names in ({"sensor": "proximity"}, {"body": "gripper/block"}):
+            worlds = batch(N, model)
+            self.addCleanup(worlds.close)
+            sims = [ambf.Simulation(model, launch_file=LAUNCH) for _ in range(N)]
+            holders = [sim.actuator("holder") for sim in sims]
+            self.assertEqual((worlds.actuators, worlds.holding.shape), (sims[0].actuators, (N, 1)))
+            rng = np.random.default_rng(1)
+            seen = set()
+            for call in range(40):
+                if call >= 8:
+                    hold, mask = rng.random(N) < 0.6, rng.random(N) < 0.5
+                    worlds.hold("holder", hold, mask, **names)
+                    for i in np.flatnonzero(mask):
+                        holders[i].hold(**names) if hold[i] else holders[i].release()
+                if call == 30:
+                    worlds.reset(np.arange(N) % 2 == 0)
+                    for sim in sims[::2]:
+                        sim.reset()
+                worlds.step(100 if call == 0 else 5)
+                ambf.step_all(sims, 100 if call == 0 else 5)
+                np.testing.assert_array_equal(worlds.holding, [sim.holding for sim in sims])
+                np.testing.assert_array_equal(worlds.poses, [sim.poses for sim in sims])
+                seen.update(worlds.holding.ravel().tolist())
+            self.assertEqual(seen, {False, True}, names)
+        worlds.hold("holder", body="block")
+        worlds.step(2)
+        self.assertTrue(worlds.holding.all())
+        worlds.release("holder", np.arange(N) == 1)
+        worlds.step(2)
+        self.assertEqual(np.flatnonzero(~worlds.holding[:, 0]).tolist(), [1])
+
+    def test_wrong_commands_of_actuators(self):
+        """They are said, and nothing is held."""
+        worlds = batch(2, RESOURCES / "models/gripper.yaml")
+        self.addCleanup(worlds.close)
+        for name, names in (("hand", {"body": "block"}), ("holder", {"body": "brick"}), ("holder", {"sensor": "nose"})):
+            self.assertRaises(ambf.NotFoundError, worlds.hold, name, **names)
+        for wrong in (
+            lambda: worlds.hold("holder"),
+            lambda: worlds.hold("holder", body="block", sensor="proximity"),
+            lambda: worlds.hold("holder", np.ones(3, dtype=bool), body="block"),
+            lambda: worlds.hold("holder", True, np.ones((2, 1), dtype=bool), body="block"),
+            lambda: worlds.hold("holder", 1.0, body="block"),
+        ):
+            self.assertRaises(ValueError, wrong)
+        worlds.step(5)
+        self.assertFalse(worlds.holding.any())
+        worlds.close()
+        self.assertRaises(ambf.ClosedError, worlds.release, "holder")
+
     def test_a_scene_without_sensors(self):
         """The arrays are empty."""
         worlds = batch(2)

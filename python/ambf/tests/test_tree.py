@@ -35,6 +35,35 @@ def rotation(quaternion):
     )
 
 
+PARALLEL = (
+    '<robot name="parallel"><link name="world"/>'
+    + "".join(
+        f'<link name="{name}"><inertial><mass value="0.5"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+        "</inertial></link>"
+        for name in ("upper_arm", "forearm", "hand", "left_finger", "right_finger")
+    )
+    + "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{origin}"/>'
+        f'<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" effort="100" velocity="10"/>{mimic}</joint>'
+        for name, kind, parent, child, origin, axis, low, high, mimic in (
+            ("shoulder", "revolute", "world", "upper_arm", "0 0 1", "0 1 0", -2, 2, ""),
+            ("elbow", "revolute", "upper_arm", "forearm", "0.3 0 0", "0 1 0", -2, 2, ""),
+            (
+                *("wrist", "revolute", "forearm", "hand", "0.3 0 0", "0 1 0", -3, 3),
+                '<mimic joint="elbow" multiplier="-1" offset="0.2"/>',
+            ),
+            ("left", "prismatic", "hand", "left_finger", "0.1 0.05 0", "0 1 0", -0.05, 0.05, ""),
+            (
+                *("right", "prismatic", "hand", "right_finger", "0.1 -0.05 0", "0 1 0", -0.03, 0.05),
+                '<mimic joint="left" multiplier="-1"/>',
+            ),
+        )
+    )
+    + "</robot>"
+)
+"""An arm in a plane, whose hand turns against the elbow, with two fingers."""
+
+
 class Trees(unittest.TestCase):
     """What is said of a tree is what it does."""
 
@@ -182,6 +211,43 @@ class Trees(unittest.TestCase):
         self.assertGreater(far.position_error, 1)
         limits = sim.joint_limits[tree.joint_indices]
         self.assertTrue((limits[:, 0] <= far.joint_positions).all() and (far.joint_positions <= limits[:, 1]).all())
+
+    def test_inverse_kinematics_of_joints_that_follow_others(self):
+        """A planar arm whose hand stays level, as that of a parallelogram, and whose second finger mirrors the first."""
+        with tempfile.TemporaryDirectory() as folder:
+            file = pathlib.Path(folder) / "parallel.urdf"
+            file.write_text(PARALLEL)
+            sim = ambf.Simulation(file, launch_file=LAUNCH)
+        tree = sim.tree("hand")
+        self.assertEqual(len(tree.coupling_rows()), 2)
+        rng = np.random.default_rng(2)
+        finger = next(i for i, name in enumerate(tree.bodies) if name.endswith("right_finger"))
+        joints = list(tree.joints)
+        shoulder, elbow, wrist, left, right = (
+            joints.index(name) for name in ("shoulder", "elbow", "wrist", "left", "right")
+        )
+        for _ in range(20):
+            asked = np.zeros(5)
+            asked[[shoulder, elbow, left]] = rng.uniform((-1, 0.3, 0.0), (1, 1.5, 0.03))
+            asked[wrist], asked[right] = -asked[elbow] + 0.2, -asked[left]
+            wanted = tree.poses(joint_positions=asked)[finger]
+            start = asked + rng.uniform(-0.2, 0.2, 5)
+            found = tree.inverse_kinematics("right_finger", wanted[:3], start=start)
+            self.assertTrue(found.reached, found)
+            q = found.joint_positions
+            np.testing.assert_allclose((q[wrist], q[right]), (-q[elbow] + 0.2, -q[left]), atol=1e-12)
+            place = tree.poses(joint_positions=q)[finger]
+            np.testing.assert_allclose(place[:3], wanted[:3], atol=2e-6)
+            # It is a state that the simulation takes, which those are not in which a follower goes its own way.
+            sim.set_state(joint_positions=dict(zip(joints, q)))
+            np.testing.assert_allclose(sim.joint_positions[tree.joint_indices], q, atol=1e-9)
+        far = tree.inverse_kinematics("right_finger", (0, 0, 5))
+        self.assertFalse(far.reached)
+        # The second finger's limit is nearer than the first one's.
+        self.assertLessEqual(far.joint_positions[left], 0.03 + 1e-9)
+        sim.set_parameters(joint_limits={"right": (0.06, 0.08)})
+        with self.assertRaisesRegex(ambf.TreeError, "those of right are not kept"):
+            tree.inverse_kinematics("right_finger", (0, 0, 0.5))
 
     def test_what_is_wrong_is_said(self):
         """Shapes, numbers, names, and bodies that are no tree."""

@@ -151,6 +151,11 @@ class Batch(Arrays):
         self.touching: NDArray[np.int64] = inside.array("touching")
         """(n x contact sensors) how many bodies touch the body of each."""
 
+        self.actuators: Tuple[str, ...] = tuple(inside.actuators)
+        """Names of the actuators."""
+        self.holding: NDArray[np.bool_] = inside.array("holding")
+        """(n x actuators) whether each holds something."""
+
     def body(self, name: Union[str, int]) -> int:
         """The place of a body in the arrays: that of this name, or the end or a part of it that is unique. Raises NotFoundError."""
         return find(name, self.bodies, "bodies")
@@ -164,6 +169,33 @@ class Batch(Arrays):
         `body`. Raises NotFoundError.
         """
         return self._columns[find(sensor, self.sensors, "sensors")]
+
+    def actuator(self, name: Union[str, int]) -> int:
+        """The place of an actuator in `holding`; the name as that of `body`. Raises NotFoundError."""
+        return find(name, self.actuators, "actuators")
+
+    def hold(
+        self, actuator: Union[str, int], hold: ArrayLike = True, mask: Mask = None, *, sensor: str = "", body: str = ""
+    ) -> None:
+        """Lets an actuator hold what a sensor sees, or a body, from the next step on in the worlds where `hold` (n truth values, or one for
+        all) is true, and let go in the others; as `Actuator.hold` and `release` do. In the worlds of `mask` (n; None: all). What holds
+        something goes on holding that. `sensor`, `body`: identifier, or a part of it that is unique.
+
+        Raises NotFoundError where there is no such thing, ValueError, and nothing has changed; ClosedError, BusyError.
+        """
+        wanted = np.asarray(hold)
+        chosen = np.asarray(True if mask is None else mask)
+        for what, given in (("hold", wanted), ("mask", chosen)):
+            if given.dtype != np.bool_ or given.shape not in ((), (self.n,)):
+                raise ValueError(f"{what}: expected a truth value, or {self.n}")
+        if bool(sensor) == bool(body) and (wanted & chosen).any():
+            raise ValueError("give either sensor or body")
+        hold_all, mask_all = (np.array(np.broadcast_to(given, (self.n,))) for given in (wanted, chosen))
+        self._inside.hold(self.actuator(actuator), mask_all, hold_all, sensor, body)
+
+    def release(self, actuator: Union[str, int], mask: Mask = None) -> None:
+        """Lets an actuator let go in the next step, in the worlds of `mask` (n; None: all). Raises what `hold` does."""
+        self.hold(actuator, False, mask)
 
     def step(self, steps: Union[int, Sequence[int], NDArray[Any]] = 1) -> None:
         """Makes `steps` iterations (a number for all, or n numbers) in every world that is not lost, under the commands of the arrays.

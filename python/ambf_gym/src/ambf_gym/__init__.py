@@ -2,7 +2,7 @@
 
 `SimulatorEnv` steps a `Task`, which is put together from parts of observations and actions and a few functions, in a `Backend`:
 `RosBackend`, or `InProcessBackend` with the package `ambf`. `InProcessVectorEnv` steps many at once.
-The worked tasks are registered as `ambf/Reach-v0`, `ambf/Lift-v0`, `ambf/NeedlePick-v0`, `ambf/PegTransfer-v0` and
+The worked tasks are registered as `ambf/Reach-v0`, `ambf/Lift-v0`, `ambf/NeedlePick-v0`, `ambf/PegTransfer-v0`, `ambf/PegLift-v0` and
 `ambf/RingOnWire-v0`.
 """
 
@@ -71,6 +71,7 @@ for _name, _function, _steps in (
     ("Lift", "lift", 200),
     ("NeedlePick", "needle_pick", 400),
     ("PegTransfer", "peg_transfer", 3600),
+    ("PegLift", "peg_lift", 100),
     ("RingOnWire", "ring_on_wire", 2400),
 ):
     gymnasium.register(

@@ -281,16 +281,15 @@ class SimulatorEnv(gymnasium.Env[Any, Any]):
         start = self._task.start(self.np_random)
         if self._record_into is not None:
             self._recorder.next_recording, self._record_into = self._record_into, None
+        here = self._start
         if start:
             # What keeps things as they are there is seen when they are there.
-            states = yield Order(Commands(), 1, True, start)
-            states = yield Order(self._rest(states), 1, False)
-        else:
-            states = yield Order(self._rest(self._start), 1, True)
+            here = yield Order(Commands(), 1, True, start)
+        states = yield Order(self._rest(here), 1, not start)
         for part in self._task.act:
             part.start(states)
         if self._task.settle_steps > 1:
-            states = yield Order(self._rest(self._start), self._task.settle_steps - 1, False)
+            states = yield Order(self._rest(here), self._task.settle_steps - 1, False)
         self.latest = states
         self._steps = 0
         self._first_step = states.sim_step

@@ -73,10 +73,8 @@ class Seen(NamedTuple):
     bodies: Sequence[Tuple[str, int, Sequence[Tuple[str, int]]]]
     """Name, row, and the joints below: names and columns."""
     sensors: Sequence[str] = ()
-    actuators: Sequence[str] = ()
-
-
-Held = Tuple[Sequence[SensorState], Sequence[bool]]
+    actuators: Sequence[Tuple[str, int]] = ()
+    """Names and rows."""
 
 
 class Finder(Protocol):
@@ -138,13 +136,20 @@ class Gather:
         return seen
 
 
+_JOINTS = {JointPositions: 0, JointVelocities: 1, JointEfforts: 2}
+
+
+def is_known(part: Any) -> bool:
+    """Whether an observation part is one of this package, whose numbers have places."""
+    return type(part) in (*_JOINTS, Position, Rotation, Twist, Measurements, Holds)
+
+
 def _places(part: Any, finder: Finder) -> Tuple[Any, Any]:
     """Places of a part, and of what is subtracted."""
     layout = finder.layout
-    kinds = {JointPositions: 0, JointVelocities: 1, JointEfforts: 2}
-    if type(part) in kinds:
+    if type(part) in _JOINTS:
         columns = finder.joints(part.body)
-        return layout.joint(kinds[type(part)], [columns[plain(joint)] for joint in part.joints]), ()
+        return layout.joint(_JOINTS[type(part)], [columns[plain(joint)] for joint in part.joints]), ()
     if type(part) is Position:
         less = () if part.relative_to is None else layout.pose(finder.body(part.relative_to))[:3]
         return layout.pose(finder.body(part.body))[:3], less
@@ -223,9 +228,11 @@ class SeenBody(BodyState):
 class SeenStates(States):
     """States in a flat array: what is in them is taken out of it when it is asked for."""
 
-    def __init__(self, sim_step: Any, sim_time: Any, flat: Array, scene: Seen, held: Held = ((), ())) -> None:
-        """`flat`, `sim_step` and `sim_time`: of a world, or of an array of worlds. `held`: states of sensors and actuators."""
-        self.__dict__.update(sim_step=sim_step, sim_time=sim_time, flat=flat, _of=(scene, held))
+    def __init__(
+        self, sim_step: Any, sim_time: Any, flat: Array, scene: Seen, sensed: Sequence[SensorState] = ()
+    ) -> None:
+        """`flat`, `sim_step` and `sim_time`: of a world, or of an array of worlds. `sensed`: states of sensors."""
+        self.__dict__.update(sim_step=sim_step, sim_time=sim_time, flat=flat, _of=(scene, sensed))
 
     def __repr__(self) -> str:
         return repr(States(self.sim_step, self.sim_time, self.bodies, self.sensors, self.actuators))
@@ -252,14 +259,18 @@ class SeenStates(States):
     @cached_property
     def sensors(self) -> Dict[str, SensorState]:
         """See States."""
-        scene, held = self.__dict__["_of"]
-        return named("sensor", dict(zip(scene.sensors, held[0])))
+        scene, sensed = self.__dict__["_of"]
+        return named("sensor", dict(zip(scene.sensors, sensed)))
 
     @cached_property
     def actuators(self) -> Dict[str, bool]:
         """See States."""
-        scene, held = self.__dict__["_of"]
-        return named("actuator", dict(zip(scene.actuators, held[1])))
+        scene: Seen = self.__dict__["_of"][0]
+        assert self.flat is not None
+        held = {name: self.flat[..., scene.layout.actuator(row)] != 0.0 for name, row in scene.actuators}
+        if self.flat.ndim == 1:
+            held = {name: bool(holds) for name, holds in held.items()}
+        return named("actuator", held)
 
 
 def columns_by_name(names: Sequence[str], columns: Sequence[int], body: str) -> Named[int]:

@@ -101,7 +101,7 @@ class InProcessBackend:
             self.layout,
             [(name, body.handle.index, body.columns) for name, body in self._bodies.items()],
             tuple(self._sensors),
-            tuple(self._actuators),
+            [(name, actuator.index) for name, actuator in self._actuators.items()],
         )
         if self._is_shown:
             try:
@@ -161,9 +161,8 @@ class InProcessBackend:
     def observe(self, steps: int) -> States:
         """What `step` does after `steps` iterations."""
         (step,), (time,), flat = stacked([self], steps)
-        sensors, actuators = self._sensors.values(), self._actuators.values()
-        held = ([_sensor_state(sensor) for sensor in sensors], [actuator.holding for actuator in actuators])
-        return SeenStates(int(step), float(time), flat[0], self.seen, held)
+        sensed = [_sensor_state(sensor) for sensor in self._sensors.values()]
+        return SeenStates(int(step), float(time), flat[0], self.seen, sensed)
 
     def count(self, steps: int, reached: int) -> None:
         """Raises StepMismatch if another iteration was reached than that after `steps` more."""

@@ -224,6 +224,10 @@ class DriveJoints:
     """Upper bounds."""
     increment: Bound = None
     """For positions: actions lie between -`increment` and `increment` and move a set point, which stays within the bounds."""
+    tied: bool = False
+    """One number for all of the joints, such as the fingers of a jaw; its bounds are those that hold for each of them."""
+    at_rest: Optional[float] = None
+    """For positions, rad or m: where the joints are kept before an episode's first action. None: where they are."""
     _set_point: Array = field(init=False, repr=False)
     _low: Array = field(init=False, repr=False)
     _high: Array = field(init=False, repr=False)
@@ -233,6 +237,8 @@ class DriveJoints:
             raise InvalidDescription(f'joints are driven by "position", "velocity" or "effort", not "{self.mode}"')
         if self.increment is not None and self.mode != "position":
             raise InvalidDescription("only positions have increments")
+        if self.at_rest is not None and self.mode != "position":
+            raise InvalidDescription("only positions have a position at rest")
         self._set_point = np.zeros(len(self.joints))
 
     def bounds(self, limits: Optional[Limits]) -> Tuple[Array, Array]:
@@ -240,11 +246,13 @@ class DriveJoints:
         self._low, self._high = _joint_bounds(
             self.joints, self.low, self.high, limits if self.mode == "position" else None
         )
+        if self.tied:
+            self._low, self._high = self._low.max(keepdims=True), self._high.min(keepdims=True)
         if not (np.isfinite(self._low) & np.isfinite(self._high) & (self._low < self._high)).all():
             raise InvalidDescription(f"{self.mode} of {', '.join(self.joints)}: give low and high, the scene does not")
         if self.increment is None:
             return self._low, self._high
-        increment = _bound(self.increment, len(self.joints), 0.0)
+        increment = _bound(self.increment, len(self._low), 0.0)
         return -increment, increment
 
     @property
@@ -266,7 +274,7 @@ class DriveJoints:
         self._set_point = row
 
     def write(self, values: Array, commands: Commands) -> None:
-        """One number a joint."""
+        """One number a joint, or for all of them."""
         self._put(self.targets(values), commands)
 
     def targets(self, values: Array) -> Array:
@@ -276,13 +284,16 @@ class DriveJoints:
         return move(self._set_point, values, self._low, self._high)
 
     def rest(self, states: States, commands: Commands) -> None:
-        """Positions as they are; velocity and effort zero."""
-        here = _joint_values(states.bodies[self.body].joint_positions, self)
-        self._put(here if self.mode == "position" else np.zeros(len(self.joints)), commands)
+        """Positions as they are, or `at_rest`; velocity and effort zero."""
+        if self.mode == "position" and self.at_rest is None:
+            self._put(_joint_values(states.bodies[self.body].joint_positions, self), commands)
+        else:
+            self._put(np.array([self.at_rest or 0.0]), commands)
 
     def _put(self, values: Array, commands: Commands) -> None:
         command = commands.bodies.setdefault(self.body, BodyCommand())
-        command.joints.update({plain(joint): (_KINDS[self.mode], float(v)) for joint, v in zip(self.joints, values)})
+        of_each = np.broadcast_to(values, (len(self.joints),)).tolist()
+        command.joints.update({plain(joint): (_KINDS[self.mode], value) for joint, value in zip(self.joints, of_each)})
 
 
 def move(set_points: Array, by: Array, low: Array, high: Array) -> Array:

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from .backend import FORCE, Array, Commands
 from .env import Bounds, Task, Transition, action_space, names_of, stack
 from .errors import InvalidDescription
-from .gather import Gather, Layout, Seen, SeenStates, columns_by_name, narrow
+from .gather import Gather, Layout, Seen, SeenStates, columns_by_name, is_known, narrow
 from .in_process import physics_options, span
 from .many import Infos, Mask, checked, judge
-from .parts import DriveBody, DriveJoints, move
+from .parts import DriveBody, DriveJoints, Hold, move
 from .scene import Scene, resources
 
 Outcome = Tuple[NDArray[np.float32], Array, Mask, Mask, Infos]
@@ -30,8 +30,9 @@ _AS_IT_IS: ContextManager[None] = contextlib.nullcontext()
 class Worlds:
     """`num_envs` worlds of a task, without autoreset: each returns what `SimulatorEnv` returns, to the bit.
 
-    Tasks observe bodies, joints and rays of sensors, and drive bodies and joints; those with actuators, pixels or parts of their own need
-    `InProcessVectorEnv`. `states.sensors` is empty: what rays see stands in `batch.measurements` and `batch.sensed`.
+    Tasks observe bodies, joints, rays of sensors and actuators, and drive bodies, joints and actuators; observation parts of one's own read
+    arrays of worlds in a task with `of_arrays`. Those with action parts of their own need `InProcessVectorEnv`. `states.sensors` is empty:
+    what rays see stands in `batch.measurements` and `batch.sensed`.
     """
 
     def __init__(
@@ -57,18 +58,19 @@ class Worlds:
         scene = scene.integrated_by(integrator)
         limits = scene.joint_limits()
         self._low, self._high, self._slices = stack([part.bounds(limits) for part in task.act])
-        low, high, _ = stack([part.bounds(limits) for part in task.observe])
+        low, high, self._pieces = stack([part.bounds(limits) for part in task.observe])
         infinite = np.full(task.goal_size, np.inf)
         self._bounds = Bounds(self._low, self._high, task.scaled_actions)
         self.action_space = action_space(self._low, self._high, task.scaled_actions)
         self.observation_space = gymnasium.spaces.Box(
             np.concatenate((low, -infinite)).astype(np.float32), np.concatenate((high, infinite)).astype(np.float32)
         )
-        launch = scene.launch_file or str(resources() / "launch.yaml")
+        launch = scene.launch() or str(resources() / "launch.yaml")
         options = physics_options(scene.options)
         self.batch = ambf.Batch(scene.model_files(), num_envs, launch_file=launch, **options)
         """The worlds: parameters may be changed through it."""
-        self.layout = Layout(len(self.batch.bodies), len(self.batch.joints), self.batch.measurements.shape[1])
+        batch = self.batch
+        self.layout = Layout(len(batch.bodies), len(batch.joints), batch.measurements.shape[1], len(batch.actuators))
         self._columns: Dict[str, Dict[str, int]] = {}
         try:
             self._prepare()
@@ -80,23 +82,33 @@ class Worlds:
         """Finds where everything stands."""
         task, batch = self._task, self.batch
         bodies, _, actuators = names_of(task)
-        if actuators:
-            raise InvalidDescription(f"{', '.join(actuators)}: a batch drives no actuators; use InProcessVectorEnv")
         try:
             self._rows = {name: batch.body(name) for name in bodies}
-            self._gather = Gather(task.observe, self)
+            self._actuators = {name: batch.actuator(name) for name in actuators}
+            self._gather = Gather([part for part in task.observe if is_known(part)], self)
         except LookupError as error:
             raise InvalidDescription(f"{error}; with other parts use InProcessVectorEnv") from error
         self._seen = Seen(
-            self.layout, [(name, row, list(self.joints(name).items())) for name, row in self._rows.items()]
+            self.layout,
+            [(name, row, list(self.joints(name).items())) for name, row in self._rows.items()],
+            actuators=list(self._actuators.items()),
         )
         self._drives: List[_Drive] = []
         for part in task.act:
-            makers: Dict[Any, Callable[[Any, Worlds], _Drive]] = {DriveJoints: _Joints, DriveBody: _Body}
+            makers: Dict[Any, Callable[[Any, Worlds], _Drive]] = {DriveJoints: _Joints, DriveBody: _Body, Hold: _Hold}
             if type(part) not in makers:
                 raise InvalidDescription(f"{part} is no part of this package; use InProcessVectorEnv")
             self._drives.append(makers[type(part)](part, self))
+        # Parts of one's own read the states; the numbers of all others stand between them.
+        own = [not is_known(part) for part in task.observe]
+        if any(own) and not task.of_arrays:
+            raise InvalidDescription("parts of one's own read arrays of worlds: those of a task with of_arrays=True")
+        self._own = [(part, piece) for part, piece, is_own in zip(task.observe, self._pieces, own) if is_own]
+        places = [np.arange(piece.start, piece.stop) for piece, is_own in zip(self._pieces, own) if not is_own]
+        self._others = span(np.concatenate([*places, np.zeros(0)]).astype(int).tolist())
         n = self.num_envs
+        # What the functions of a task remember is of one world.
+        self._tasks = [task] * n if task.of_arrays else [copy.deepcopy(task) for _ in range(n)]
         self._rngs: List[Optional[np.random.Generator]] = [None] * n
         self._goals = np.zeros((n, task.goal_size))
         self._steps = np.zeros(n, dtype=int)
@@ -121,11 +133,11 @@ class Worlds:
             rng = self._rngs[i]
             if rng is None or seed is not None:
                 rng = self._rngs[i] = gymnasium.utils.seeding.np_random(seed)[0]
-            goal = np.asarray(self._task.goal(rng), dtype=np.float64)
+            goal = np.asarray(self._tasks[i].goal(rng), dtype=np.float64)
             if goal.shape != (self._task.goal_size,):
                 raise InvalidDescription(f"the goal has the shape {goal.shape}, goal_size is {self._task.goal_size}")
             self._goals[i] = goal
-            start = self._task.start(rng)
+            start = self._tasks[i].start(rng)
             if start:
                 starts[i] = start
         self._ready[chosen] = False
@@ -196,10 +208,18 @@ class Worlds:
             if i in lost:
                 continue
             step = Transition(before[i], self._states[i], applied[i], self._goals[i], int(self._steps[i]))
-            infos[i].update(self._task.info(step))
-            terminated[i] = bool(self._task.terminated(step))
-            rewards[i] = float(self._task.reward(step))
+            task = self._tasks[i]
+            infos[i].update(task.info(step))
+            terminated[i] = bool(task.terminated(step))
+            rewards[i] = float(task.reward(step))
         return rewards, terminated
+
+    @property
+    def states(self) -> Any:
+        """What was observed last, in full: of all worlds as arrays, of which `states[i]` are those of one, in a task with `of_arrays`; else
+        a list of those of each world.
+        """
+        return self._states
 
     def close(self) -> None:
         """Frees the worlds."""
@@ -225,7 +245,7 @@ class Worlds:
 
     def actuator(self, name: str) -> int:
         """See `gather.Finder`."""
-        raise LookupError(f"{name}: a batch has no actuators")
+        return self._actuators[name]
 
     def _step(self, steps: Union[int, NDArray[Any]]) -> None:
         self.batch.step(steps)
@@ -236,13 +256,18 @@ class Worlds:
         b, n = self.batch, self.num_envs
         bodies = (b.poses.reshape(n, -1), b.twists.reshape(n, -1))
         joints = (b.joint_positions, b.joint_velocities, b.joint_efforts)
-        flat: Array = np.concatenate((*bodies, *joints, b.measurements, np.zeros((n, 1))), axis=1)
+        flat: Array = np.concatenate((*bodies, *joints, b.measurements, b.holding, np.zeros((n, 1))), axis=1)
         narrow(flat, self.layout)
         return flat
 
     def _observe(self, flat: Array) -> NDArray[np.float32]:
-        seen = (self._gather.observe(flat), self._goals)
-        return np.concatenate(seen, axis=1, dtype=np.float32, casting="same_kind")
+        seen = self._gather.observe(flat)
+        if self._own:
+            known, seen = seen, np.empty((self.num_envs, self._pieces[-1].stop))
+            seen[:, self._others] = known
+            for part, piece in self._own:
+                seen[:, piece] = part.read(self._states)
+        return np.concatenate((seen, self._goals), axis=1, dtype=np.float32, casting="same_kind")
 
     def _all_states(self, flat: Array) -> Any:
         """States of each world, or of all at once."""
@@ -272,6 +297,8 @@ class Worlds:
         """Commands that keep the chosen worlds as they are in `flat`, and those that are always the same."""
         also = Commands()
         self._task.also(also)
+        for name, hold in also.actuators.items():
+            self.batch.hold(self._actuators[name], hold.hold, chosen, sensor=hold.sensor, body=hold.body)
         # By body: column and kind of each joint that is commanded, with values of all worlds or one.
         joints: Dict[str, Dict[int, Tuple[int, Any]]] = {}
         for name, command in also.bodies.items():
@@ -330,11 +357,10 @@ class _Joints(_Drive):
 
     def rest(self, chosen: Mask, flat: Array, joints: Dict[str, Dict[int, Tuple[int, Any]]]) -> None:
         kind, worlds = _KINDS[self._part.mode], self._worlds
-        here = (
-            flat[chosen][:, self._places]
-            if self._part.mode == "position"
-            else np.zeros((chosen.sum(), len(self._places)))
-        )
+        # Commands of joints are in single precision, as over ROS.
+        here = np.full((chosen.sum(), len(self._places)), float(np.float32(self._part.at_rest or 0.0)))
+        if self._part.mode == "position" and self._part.at_rest is None:
+            here = flat[chosen][:, self._places]
         worlds._command_body(chosen, self._part.body, FORCE, 0.0, 0.0)
         commanded = joints.setdefault(self._part.body, {})
         commanded.update({int(column): (kind, here[:, k]) for k, column in enumerate(self._columns)})
@@ -368,3 +394,15 @@ class _Body(_Drive):
         batch = self._worlds.batch
         targets = {"force": batch.wrenches, "velocity": batch.target_twists, "position": batch.target_poses}
         targets[self._part.mode][:, self._row, : self._part.size] = values
+
+
+class _Hold(_Drive):
+    def __init__(self, part: Hold, worlds: Worlds) -> None:
+        self._part, self._batch, self._actuator = part, worlds.batch, worlds.actuator(part.actuator)
+
+    def rest(self, chosen: Mask, flat: Array, joints: Dict[str, Dict[int, Tuple[int, Any]]]) -> None:
+        del flat, joints
+        self._batch.release(self._actuator, chosen)
+
+    def write(self, values: Array) -> None:
+        self._batch.hold(self._actuator, values[:, 0] > 0.0, sensor=self._part.sensor, body=self._part.body)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Optional
 
@@ -28,6 +29,11 @@ JOINTS = (
     "toolrolllink-toolpitchlink",
     "toolpitchlink-toolyawlink",
 )
+BASES = {
+    "psm1": ((0.1313066, 0.3967149, 0.8777097), (0.6974314, -0.5187393, -3.1391723)),
+    "psm2": ((-0.0713554, 0.3969891, 0.876246), (0.7141681, 0.5087572, -3.0877876)),
+}
+"""Where arms of the scene stand: position, m, and roll, pitch, yaw about fixed axes, rad."""
 FINGERS = ("toolyawlink-toolgripperleftlink", "toolyawlink-toolgripperrightlink")
 
 
@@ -39,6 +45,13 @@ def about(axis: int, angle: float) -> Array:
     matrix[i, i] = matrix[j, j] = c
     matrix[i, j], matrix[j, i] = -s, s
     return matrix
+
+
+@functools.cache
+def base(arm: str) -> tuple[Array, Array]:
+    """Origin, m, and axes of an arm's base in the world."""
+    position, (roll, pitch, yaw) = BASES[arm]
+    return np.array(position), about(2, yaw) @ about(1, pitch) @ about(0, roll)
 
 
 def matrix_of(quaternion: ArrayLike) -> Array:
@@ -103,3 +116,31 @@ def unlimited(position: ArrayLike, axes: Array) -> Optional[Array]:
     q4 = -math.atan2(-rest[0, 1], rest[1, 1])
     q6 = -math.atan2(-rest[2, 0], rest[2, 2])
     return np.array([q1, q2, depth - WRIST, q4, q5, q6])
+
+
+def matrices_of(quaternions: Array) -> Array:
+    """(… x 3 x 3) rotation matrices of unit quaternions (… x 4) x, y, z, w."""
+    u, w = quaternions[..., :3], quaternions[..., 3]
+    x, y, z = np.moveaxis(u, -1, 0)
+    zero = np.zeros_like(w)
+    across = np.stack((zero, -z, y, z, zero, -x, -y, x, zero), axis=-1).reshape(*w.shape, 3, 3)
+    matrices: Array = np.eye(3) + 2.0 * (w[..., None, None] * across + across @ across)
+    return matrices
+
+
+def unlimited_all(positions: Array, axes: Array) -> Array:
+    """(… x 6) as `unlimited`, for many places: origins (… x 3), m, and axes (… x 3 x 3) of the tool's yaw link in the base."""
+    hinge = axes[..., 2]
+    level = positions - np.sum(positions * hinge, axis=-1, keepdims=True) * hinge
+    wrist = positions - GAP * level / np.linalg.norm(level, axis=-1, keepdims=True)
+    depth = np.linalg.norm(wrist, axis=-1)
+    x, y, z = np.moveaxis(wrist, -1, 0) / depth
+    q1, q2 = np.arctan2(x, -z), -np.arcsin(np.clip(y, -1.0, 1.0))
+    c1, s1, c2, s2 = np.cos(q1), np.sin(q1), np.cos(q2), np.sin(q2)
+    # about(1, -q1) @ about(0, -q2)
+    arm = np.stack((c1, s1 * s2, -s1 * c2, 0.0 * c1, c2, s2, s1, -c1 * s2, c1 * c2), axis=-1).reshape(*c1.shape, 3, 3)
+    rest = np.swapaxes(arm, -1, -2) @ axes @ TOOL.T
+    q5 = -np.arcsin(np.clip(rest[..., 2, 1], -1.0, 1.0))
+    q4 = -np.arctan2(-rest[..., 0, 1], rest[..., 1, 1])
+    q6 = -np.arctan2(-rest[..., 2, 0], rest[..., 2, 2])
+    return np.stack((q1, q2, depth - WRIST, q4, q5, q6), axis=-1)

@@ -135,6 +135,16 @@ class Grip(NamedTuple):
 GRIPS = [Grip(wall, turned) for wall in range(3) for turned in (False, True)]
 
 
+def to_peg(base: Array, tool: Place, tip: Array) -> float:
+    """How far the link above the fingers is from a peg, m. `base`: where the arm's base is; `tip`: the middle of the peg's round tip."""
+    hinge = tool.axes[:, 2]
+    up = base - tool.position
+    up = up - (up @ hinge) * hinge
+    up = up / np.linalg.norm(up)
+    along = min(max(float((tip - tool.position) @ up), 0.0), GAP)
+    return float(np.linalg.norm(tip - tool.position - along * up)) - LINK - PEG
+
+
 class Arm:
     """One arm through its CRTK topics: what it is told, and where it is.
 
@@ -191,13 +201,8 @@ class Arm:
         return -1.0 if q is None else float(np.min(np.minimum(UPPER - q, q - LOWER) / (UPPER - LOWER)))
 
     def to_peg(self, tool: Place, tip: Array) -> float:
-        """How far the link above the fingers is from a peg, the middle of whose round tip is at `tip`, m."""
-        hinge = tool.axes[:, 2]
-        up = self.base.position - tool.position
-        up = up - (up @ hinge) * hinge
-        up = up / np.linalg.norm(up)
-        along = min(max(float((tip - tool.position) @ up), 0.0), GAP)
-        return float(np.linalg.norm(tip - tool.position - along * up)) - LINK - PEG
+        """See the function of that name."""
+        return to_peg(self.base.position, tool, tip)
 
     @property
     def commanded(self) -> Place:

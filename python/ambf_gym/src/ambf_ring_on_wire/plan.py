@@ -8,10 +8,10 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import Dict, List, NamedTuple, Optional, Tuple
+from typing import List, NamedTuple, Optional
 
 import numpy as np
-from ambf_peg_transfer.arms import GAP, LOWER, UPPER, Array, about, inverse
+from ambf_peg_transfer.arms import GAP, LOWER, UPPER, Array, base, inverse
 from ambf_peg_transfer.seeds import uniform
 from numpy.typing import NDArray
 
@@ -23,10 +23,6 @@ FINGERS = (0.0376, 0.0)
 """Angles of the left and the right finger that just touch the ring, rad. Both press alike, so that one of them is at its limit."""
 SHIFT = wire.TUBE - 0.0005
 """How far the ring is then from the middle of the closed jaws, m: the pad of the right finger is 0.5 mm from that."""
-BASES: Dict[str, Tuple[Tuple[float, float, float], Tuple[float, float, float]]] = {
-    "psm1": ((0.1313066, 0.3967149, 0.8777097), (0.6974314, -0.5187393, -3.1391723)),
-}
-"""Where the arm of the scene stands: position, m, and roll, pitch, yaw about fixed axes, rad."""
 STATIONS, TURNS = 60, 72
 """Of the way along the wire, and of the ring's turn about it, among which a way is sought."""
 MOST_TURNS = 2
@@ -61,17 +57,10 @@ def tool_of(ring: Frame) -> Frame:
     return Frame(ring.position + HUB * out - SHIFT * axis, np.column_stack((axis, out, np.cross(axis, out))))
 
 
-@functools.cache
-def base(arm: str) -> Frame:
-    """Frame of an arm's base."""
-    position, (roll, pitch, yaw) = BASES[arm]
-    return Frame(np.array(position), about(2, yaw) @ about(1, pitch) @ about(0, roll))
-
-
 def joints(arm: str, tool: Frame) -> Optional[Array]:
     """Joints for a place of the tool; None: out of reach, or beyond limits."""
-    stand = base(arm)
-    return inverse(stand.axes.T @ (tool.position - stand.position), stand.axes.T @ tool.axes)
+    position, axes = base(arm)
+    return inverse(axes.T @ (tool.position - position), axes.T @ tool.axes)
 
 
 def _value(arm: str, along: float, turn: float) -> float:
@@ -82,12 +71,12 @@ def _value(arm: str, along: float, turn: float) -> float:
     if q is None:
         return 0.0
     near = [ring.position + far * ring.axes[:, 0] for far, _ in APART]
-    stand = base(arm)
+    stand, _ = base(arm)
     hinge = tool.axes[:, 2]
-    level = tool.position - stand.position
+    level = tool.position - stand
     level = level - (level @ hinge) * hinge
     wrist = tool.position - GAP * level / np.linalg.norm(level)
-    back = (stand.position - wrist) / np.linalg.norm(stand.position - wrist)
+    back = (stand - wrist) / np.linalg.norm(stand - wrist)
     shaft = [wrist + far * back for far in np.arange(0.0, 0.07, 0.004)]
     needs = [*(need for _, need in APART), *([SHAFT] * len(shaft))]
     if (wire.distances(np.array([*near, *shaft])) < needs).any():

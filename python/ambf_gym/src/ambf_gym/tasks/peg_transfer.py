@@ -7,7 +7,7 @@ pegs of the left side, which are drawn for each episode.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Sequence
 
 import gymnasium
 import numpy as np
@@ -15,9 +15,9 @@ from ambf_peg_transfer import SYMMETRIC, Pose, Referee, draw
 from ambf_peg_transfer.arms import FINGERS, JOINTS, LOWER, UPPER
 from gymnasium.vector import VectorEnv
 
-from ..backend import POSITION, Array, BodyCommand, BodyState, Commands, States, plain
+from ..backend import Array, BodyState, States
 from ..env import Info, Task, Transition
-from ..parts import DriveJoints, JointPositions, Limits, ObservationPart, Position, Rotation
+from ..parts import DriveJoints, JointPositions, ObservationPart, Position, Rotation
 from ..scene import Scene
 from .making import GoalForm, is_shaped, makers
 
@@ -57,35 +57,9 @@ def block(name: str) -> str:
     return f"phantom/{name}"
 
 
-@dataclass
-class Jaw:
-    """One number: the angle of both fingers, rad."""
-
-    body: str
-    joints: Sequence[str] = FINGERS
-    at_rest: float = 0.5 * OPEN
-    """The angle while nobody says how far they are open."""
-
-    def bounds(self, limits: Optional[Limits]) -> Tuple[Array, Array]:
-        """Closed … open."""
-        del limits
-        return np.zeros(1), np.full(1, OPEN)
-
-    def start(self, states: States) -> None:
-        """Nothing is remembered."""
-
-    def write(self, values: Array, commands: Commands) -> None:
-        """Both fingers get the angle."""
-        self._put(float(values[0]), commands)
-
-    def rest(self, states: States, commands: Commands) -> None:
-        """As they are while nobody says it."""
-        del states
-        self._put(self.at_rest, commands)
-
-    def _put(self, angle: float, commands: Commands) -> None:
-        command = commands.bodies.setdefault(self.body, BodyCommand())
-        command.joints.update({plain(joint): (POSITION, angle) for joint in self.joints})
+def jaw(body: str, at_rest: float = 0.5 * OPEN, widest: float = OPEN) -> DriveJoints:
+    """One number: the angle of both fingers below a body, from 0, closed, to `widest`, rad. `at_rest`: the angle while nobody says it."""
+    return DriveJoints(body, FINGERS, mode="position", low=0.0, high=widest, tied=True, at_rest=at_rest)
 
 
 def _pose(body: BodyState) -> Pose:
@@ -187,7 +161,7 @@ def task(is_shaped: bool = True) -> Task:
         for arm in ARMS
         for part in (
             DriveJoints(base(arm), JOINTS, mode="position", low=LOWER.tolist(), high=UPPER.tolist(), increment=STEP),
-            Jaw(base(arm)),
+            jaw(base(arm)),
         )
     ]
     return Task(

@@ -20,7 +20,7 @@ from ..env import Info, Task, Transition
 from ..parts import DriveJoints, JointPositions, Limits, ObservationPart, Position, Rotation, Twist
 from ..scene import Scene
 from .making import GoalForm, is_shaped, makers
-from .peg_transfer import STEP, Jaw
+from .peg_transfer import STEP, jaw
 
 SCENE = Scene(
     ("ring_on_wire/phantom.yaml", "ring_on_wire/camera_frame.yaml", "peg_transfer/psm1.yaml"),
@@ -143,7 +143,7 @@ def task(shaped: bool = True) -> Task:
         observe=observe,
         act=[
             DriveJoints(BASE, JOINTS, mode="position", low=LOWER.tolist(), high=UPPER.tolist(), increment=STEP),
-            Jaw(BASE, at_rest=0.0),
+            jaw(BASE, at_rest=0.0),
         ],
         reward=watch.reward,
         terminated=watch.terminated,
