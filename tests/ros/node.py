@@ -18,6 +18,12 @@ def start(port):
     rospy.init_node("tests", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
 
 
+def service(name, kind):
+    """A service, once it is there: a node registers its services with the master after its topics."""
+    rospy.wait_for_service(name, timeout=harness.PATIENCE_S)
+    return rospy.ServiceProxy(name, kind)
+
+
 class Listener:
     """The newest message of a topic and when the last ones arrived."""
 

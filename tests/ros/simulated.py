@@ -75,9 +75,8 @@ class Simulated(unittest.TestCase):
         return listener
 
     def service(self, name, kind):
-        """A service of the world, once it is there: it is registered with the master after the topics."""
-        rospy.wait_for_service(f"{WORLD}/{name}", timeout=harness.PATIENCE_S)
-        return rospy.ServiceProxy(f"{WORLD}/{name}", kind)
+        """A service of the world."""
+        return node.service(f"{WORLD}/{name}", kind)
 
     def reset(self, what="Reset"):
         """Asks for a reset once."""

@@ -344,7 +344,7 @@ class Commands(Driven):
         self.assertEqual(self.listen(f"{WORLD}/Timing", Timing).newest().lost, why)
         status = self.listen("/diagnostics", DiagnosticArray).newest().status[0]
         self.assertEqual((status.level, status.message), (DiagnosticStatus.ERROR, why))
-        answer = self.service("step", Step)(StepRequest(steps=1))
+        answer = node.service(f"{WORLD}/step", Step)(StepRequest(steps=1))
         self.assertEqual((answer.success, answer.message), (False, why))
 
     def test_reset(self):
