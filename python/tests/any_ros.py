@@ -84,13 +84,10 @@ def listing(request, response):
 
 
 answers = []
+service = child.service("list", ListModels, listing)
 call = child.service_client("list", ListModels)
-services = []
-later = threading.Timer(0.5, lambda: services.append(child.service("list", ListModels, listing)))
-later.start()
+call.wait_for_service(PATIENCE_S)
 assert call().models == ["of mine"]
-later.join()
-service = services.pop()
 asking = layer.subscriber("/any_ros/ask", String, lambda _: answers.append(call().models))
 ask = layer.publisher("/any_ros/ask", String)
 expect("somebody who asks", lambda: layer.get_num_connections(ask) == 1)

@@ -39,21 +39,6 @@ def request(kind: Any, **fields: Any) -> Any:
     return kind._request_class(**fields)
 
 
-class ServiceClient(rospy.ServiceProxy):  # type: ignore[misc]
-    """A proxy of rospy whose first call waits until the service is there: a node registers its topics and services one after another."""
-
-    _awaited = False
-
-    def call(self, *requests: Any, **fields: Any) -> Any:
-        """The answer. Raises what rospy does if the service is not there, the first time after 5 s."""
-        if not self._awaited:
-            # Without the service, rospy's own call raises an error that names it.
-            with contextlib.suppress(rospy.ROSException):
-                self.wait_for_service(_PATIENCE_S)
-            self._awaited = True
-        return super().call(*requests, **fields)
-
-
 def node(name: str, anonymous: Optional[bool], node: Any, end: Optional[float]) -> Ros1:
     """The node of this process; see `Ros1`."""
     return Ros1(name, anonymous, node, end)
@@ -148,9 +133,9 @@ class Ros1(Ros):
         """A service of rospy."""
         return rospy.Service(name, kind, lambda request: callback(request, kind._response_class()))
 
-    def service_client(self, name: str, kind: Any) -> ServiceClient:
+    def service_client(self, name: str, kind: Any) -> rospy.ServiceProxy:
         """A proxy of rospy; it does not wait for the service here."""
-        return ServiceClient(name, kind)
+        return rospy.ServiceProxy(name, kind)
 
     def connection(self, name: str, kind: Any) -> ServiceConnection:
         """It stays open."""
