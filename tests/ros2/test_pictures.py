@@ -89,8 +89,11 @@ class Seen(Simulated):
         self.assertEqual(small[-1].format, "rgb8; jpeg compressed bgr8")
         self.assertEqual(bytes(small[-1].data[:2]), b"\xff\xd8")
         self.assertTrue(io.BytesIO(bytes(small[-1].data)).read().endswith(b"\xff\xd9"), "a whole file")
-        common = {stamp(m) for m in images} & {stamp(m) for m in infos} & {stamp(m) for m in small}
-        self.assertGreater(len(common), 2, "what is made of one picture has one stamp")
+        # Images are best effort: on a busy machine some of them are lost.
+        client.wait_for(
+            lambda: len({stamp(m) for m in images} & {stamp(m) for m in infos} & {stamp(m) for m in small}) > 2,
+            "what is made of one picture has one stamp",
+        )
 
     def test_depth_is_in_metres(self):
         _, client = self.show()
