@@ -82,7 +82,7 @@ class ContactCache {
     }
     for (int i = 0; i < frictions.size(); ++i) {
       const auto &row = frictions[i];
-      of(normals[row.m_frictionIndex]).friction += row.m_contactNormal1 * btScalar(row.m_appliedImpulse);
+      of(normals[row.m_frictionIndex]).friction += direction_of(row) * btScalar(row.m_appliedImpulse);
     }
     for (const Rows *rows : rolling) {
       for (int i = 0; i < rows->size(); ++i) {
@@ -98,6 +98,12 @@ class ContactCache {
     const btCollisionObject *first, *second;
     size_t begin, end;
   };
+
+  // Direction of the impulse on the first object. Bullet leaves it out of rows on static ones.
+  template <class Row>
+  static btVector3 direction_of(const Row &friction) {
+    return friction.m_contactNormal1.isZero() ? -friction.m_contactNormal2 : friction.m_contactNormal1;
+  }
 
   // The same contact in the last sub-step, or else the nearest unmatched one of the same objects within `farthest` m;
   // null: none.

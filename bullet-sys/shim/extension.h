@@ -163,7 +163,8 @@ struct EngineBody : BodyMemory {
 // SoftRows: which of their rows are soft in this sub-step,
 // J v = target - softness * impulse, and the impulses of all its rows in the last sub-step (warm start).
 struct SoftRows {
-  static constexpr int MAX_GUESSES = 12;
+  // As many rows as a joint has at most: a six-dof joint has two limits, a motor and a spring on each axis.
+  static constexpr int MAX_GUESSES = 24;
 
   int first = 0;
   int count = 0;

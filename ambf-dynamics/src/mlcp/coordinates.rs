@@ -13,7 +13,7 @@ const INDEPENDENT: f64 = 1e-3;
 /// Share below which it counts as within the basis.
 const WITHIN: f64 = 1e-14;
 
-/// Where the coordinates of one row lie in [`Coordinates::data`], and which ones of all coordinates they are.
+/// Which ones of all coordinates those of one row are.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Span {
     /// First coordinate of each side, the side whose body comes first in front.
@@ -26,19 +26,13 @@ impl Span {
     pub fn len(&self) -> usize {
         (self.size[0] + self.size[1]) as usize
     }
-
-    /// The first coordinate of all; `None` of a row that moves nothing.
-    pub fn first(&self) -> Option<u32> {
-        (0..2).find(|&side| self.size[side] > 0).map(|side| self.start[side])
-    }
 }
 
-/// The rows `q` of a problem, by place.
+/// The rows `q` of a problem, by place. Their numbers are in [`Rows::data`].
 #[derive(Debug, Default)]
 pub(super) struct Coordinates {
-    pub data: Vec<f64>,
     pub spans: Vec<Span>,
-    /// Where each row's numbers begin in `data`.
+    /// Where each row's numbers begin.
     pub offsets: Vec<usize>,
     /// `G` of all bodies, a square matrix by rows for each, and where each begins.
     basis: Vec<f64>,
@@ -62,26 +56,28 @@ impl Coordinates {
     }
 
     /// Finds the coordinates of all rows.
-    pub fn find(&mut self, rows: &Rows, layout: &Layout) {
+    pub fn find(&mut self, rows: &mut Rows, layout: &Layout) {
         if self.found {
             return;
         }
         self.found = true;
         self.begin(layout);
+        rows.begin_coordinates();
+        let Rows { rows, data, .. } = rows;
         for (p, &index) in layout.order.iter().enumerate() {
-            let row = &rows.rows[index as usize];
+            let row = &rows[index as usize];
             let (sides, span) = ordered_sides(row, layout);
-            let mut at = self.data.len();
+            let mut at = data.len();
             self.offsets.push(at);
             self.spans.push(span);
-            self.data.resize(at + span.len(), 0.0);
+            data.resize(at + span.len(), 0.0);
             for (side, &size) in sides.into_iter().zip(&span.size) {
                 if size == 0 {
                     continue;
                 }
                 if layout.is_unit[row.sides[side].body as usize] {
-                    self.copy_side(rows, row, side, at);
-                } else if !self.add_side(rows, row, side, at, INDEPENDENT) {
+                    copy_side(data, row, side, at);
+                } else if !self.add_side(data, row, side, at, INDEPENDENT) {
                     self.postponed.push((p as u32, side, at));
                 }
                 at += size as usize;
@@ -89,12 +85,11 @@ impl Coordinates {
         }
         for i in 0..self.postponed.len() {
             let (p, side, at) = self.postponed[i];
-            self.add_side(rows, &rows.rows[layout.order[p as usize] as usize], side, at, WITHIN);
+            self.add_side(data, &rows[layout.order[p as usize] as usize], side, at, WITHIN);
         }
     }
 
     fn begin(&mut self, layout: &Layout) {
-        self.data.clear();
         self.spans.clear();
         self.offsets.clear();
         self.postponed.clear();
@@ -114,33 +109,24 @@ impl Coordinates {
         }
     }
 
-    /// Takes the Jacobian of one side for its coordinates.
-    fn copy_side(&mut self, rows: &Rows, row: &StoredRow, side: usize, at: usize) {
-        let (of, other) = (&row.sides[side], &row.sides[1 - side]);
-        let q = &mut self.data[at..at + of.size as usize];
-        q.copy_from_slice(of.jacobian(&rows.data));
-        if other.body == of.body {
-            q.iter_mut().zip(other.jacobian(&rows.data)).for_each(|(q, value)| *q += value);
-        }
-    }
-
     /// Finds the coordinates of one side, and extends the basis where it is independent of it by more than `least`.
     /// Returns `false` where it lies outside of the basis by less.
-    fn add_side(&mut self, rows: &Rows, row: &StoredRow, side: usize, at: usize, least: f64) -> bool {
+    fn add_side(&mut self, data: &mut [f64], row: &StoredRow, side: usize, at: usize, least: f64) -> bool {
         let of = &row.sides[side];
         let (body, size) = (of.body as usize, of.size as usize);
-        let (mut jacobian, mut response) = (of.jacobian(&rows.data), of.response(&rows.data));
+        let (data, q) = data.split_at_mut(at);
+        let q = &mut q[..size];
+        let (mut jacobian, mut response) = (of.jacobian(data), of.response(data));
         let other = &row.sides[1 - side];
         if other.body == of.body {
             self.jacobian.clear();
-            self.jacobian.extend(jacobian.iter().zip(other.jacobian(&rows.data)).map(|(a, b)| a + b));
+            self.jacobian.extend(jacobian.iter().zip(other.jacobian(data)).map(|(a, b)| a + b));
             self.response.clear();
-            self.response.extend(response.iter().zip(other.response(&rows.data)).map(|(a, b)| a + b));
+            self.response.extend(response.iter().zip(other.response(data)).map(|(a, b)| a + b));
             (jacobian, response) = (&self.jacobian, &self.response);
         }
         let rank = self.rank[body] as usize;
         let basis = &mut self.basis[self.basis_start[body]..][..size * size];
-        let q = &mut self.data[at..at + size];
         for (q, g) in q.iter_mut().zip(basis.chunks_exact(size)).take(rank) {
             *q = dot_velocity(g, response);
         }
@@ -166,6 +152,17 @@ impl Coordinates {
         q[rank] = length;
         self.rank[body] += 1;
         true
+    }
+}
+
+/// Takes the Jacobian of one side for its coordinates.
+fn copy_side(data: &mut [f64], row: &StoredRow, side: usize, at: usize) {
+    let (of, other) = (&row.sides[side], &row.sides[1 - side]);
+    let (data, q) = data.split_at_mut(at);
+    let q = &mut q[..of.size as usize];
+    q.copy_from_slice(of.jacobian(data));
+    if other.body == of.body {
+        q.iter_mut().zip(other.jacobian(data)).for_each(|(q, value)| *q += value);
     }
 }
 

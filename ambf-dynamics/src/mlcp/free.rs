@@ -6,8 +6,9 @@ use super::problem::Rows;
 use super::solver::Solver;
 use multiversion::multiversion;
 
-/// Steps of iterative refinement in velocity space, and the share of the fine tolerance at which they end.
-const MAX_REFINEMENTS: u32 = 3;
+/// Solutions in velocity space, the first one for the change from the impulses at hand, and the share of the fine tolerance at
+/// which they end.
+const MAX_REFINEMENTS: u32 = 4;
 const REFINED: f64 = 1e-2;
 
 /// Applies the impulses at bounds, and finds the velocities that the free rows at `places` have to cause then.
@@ -19,6 +20,19 @@ fn find_targets(iterate: &mut Iterate, rows: &Rows, places: &[u32], targets: &mu
         let row = &iterate.variables[p as usize];
         row.target - iterate.row_velocity(rows, row)
     }));
+}
+
+/// Applies the impulses at bounds, and those at hand of the free rows at `places`, which the unknowns are at first.
+#[multiversion(targets("x86_64+avx2"))]
+fn start_unknowns(iterate: &mut Iterate, rows: &Rows, places: &[u32], unknowns: &mut Vec<f64>) {
+    iterate.apply_bound_impulses(rows);
+    unknowns.clear();
+    for &p in places {
+        let row = &iterate.variables[p as usize];
+        let x = if row.diagonal > 0.0 { row.x } else { 0.0 };
+        unknowns.push(x);
+        iterate.push(rows, p as usize, x);
+    }
 }
 
 /// Applies impulses along the rows at `places`.
@@ -38,19 +52,22 @@ impl Solver {
         if self.statistics.multiplications + factor.plan(layout, iterate) + preparation > limit {
             return false;
         }
-        factor.prepare(&self.rows, layout);
+        factor.prepare(&mut self.rows, layout);
+        if let Some(coordinates) = factor.coordinates() {
+            iterate.enter(coordinates, layout);
+        }
         self.statistics.multiplications += preparation;
         true
     }
 
     /// Brings the factor up to date with the active set if that fits.
     pub(super) fn factorise(&mut self, limit: f64) -> bool {
-        let Self { factor, iterate, layout, statistics, .. } = self;
+        let Self { factor, iterate, rows, layout, statistics, .. } = self;
         let cost = factor.plan(layout, iterate);
         if statistics.multiplications + cost > limit && statistics.factorisations > 0 {
             return false;
         }
-        statistics.multiplications += factor.update(layout, iterate, cost);
+        statistics.multiplications += factor.update(rows, layout, iterate, cost);
         statistics.factorisations += 1;
         true
     }
@@ -59,18 +76,24 @@ impl Solver {
     /// velocities are then those of both.
     pub(super) fn solve_free(&mut self) {
         let Self { factor, iterate, rows, layout, unknowns, .. } = self;
+        if factor.kind() == Kind::Velocities {
+            start_unknowns(iterate, rows, factor.places(), unknowns);
+            self.statistics.multiplications += layout.pass_cost;
+            if !self.refine_unknowns() {
+                self.solve_free_by_rows();
+            }
+            return;
+        }
         find_targets(iterate, rows, factor.places(), unknowns);
-        factor.solve(layout, unknowns);
+        factor.solve(rows, layout, unknowns);
         apply_impulses(iterate, rows, factor.places(), unknowns);
         self.statistics.multiplications += factor.solve_cost(layout) + 3.0 * layout.pass_cost;
-        if factor.kind() == Kind::Velocities && !self.refine_unknowns() {
-            self.solve_free_by_rows();
-        }
     }
 
     /// Iterative refinement of the unknowns by the equations of the free rows. Returns whether they hold then.
     fn refine_unknowns(&mut self) -> bool {
         let Self { factor, iterate, rows, layout, unknowns, errors, .. } = self;
+        let mut before = 0.0;
         for remaining in (0..=MAX_REFINEMENTS).rev() {
             errors.clear();
             let mut largest: f64 = 0.0;
@@ -89,9 +112,10 @@ impl Solver {
             if remaining == 0 || !largest.is_finite() {
                 return largest <= self.fine;
             }
-            // A step multiplies the errors by about their share of the right-hand side.
-            let is_enough = largest * largest <= REFINED * REFINED * self.fine * self.scale;
-            factor.solve(layout, errors);
+            // The next step multiplies the errors by about what the last one has multiplied them by.
+            let is_enough = largest * largest <= REFINED * REFINED * self.fine * before;
+            before = largest;
+            factor.solve(rows, layout, errors);
             for (i, &change) in errors.iter().enumerate() {
                 unknowns[i] += change;
                 iterate.push(rows, factor.places()[i] as usize, change);
@@ -116,7 +140,7 @@ impl Solver {
         self.statistics.multiplications += factor.preparation_cost(layout);
         factor.prepare(rows, layout);
         let planned = factor.plan(layout, iterate);
-        self.statistics.multiplications += factor.update(layout, iterate, planned);
+        self.statistics.multiplications += factor.update(rows, layout, iterate, planned);
         self.statistics.factorisations += 1;
         self.solve_free();
     }
@@ -126,7 +150,7 @@ impl Solver {
         let Self { factor, iterate, rows, layout, unknowns, .. } = self;
         unknowns.clear();
         unknowns.extend(factor.places().iter().map(|&p| -iterate.excess(rows, &iterate.variables[p as usize])));
-        factor.solve(layout, unknowns);
+        factor.solve(rows, layout, unknowns);
         for (&p, &change) in factor.places().iter().zip(&*unknowns) {
             iterate.variables[p as usize].x += change;
         }

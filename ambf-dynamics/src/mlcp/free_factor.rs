@@ -6,7 +6,7 @@ use super::iterate::{Iterate, Variable};
 use super::layout::Layout;
 use super::matrix::Matrix;
 use super::problem::{Rows, State};
-use super::velocity_factor::VelocityFactor;
+use super::velocity_factor::{Numbers, VelocityFactor};
 
 /// Least share of its diagonal that CFM must have for a row to be solved in velocity space.
 const MIN_CFM_SHARE: f64 = 1e-11;
@@ -59,6 +59,11 @@ impl FreeFactor {
         }
     }
 
+    /// The rows in coordinates in which all mass matrices are the identity, if the problem is factored in these.
+    pub fn coordinates(&self) -> Option<&Coordinates> {
+        (self.kind == Kind::Velocities).then_some(&self.coordinates)
+    }
+
     pub fn kind(&self) -> Kind {
         self.kind
     }
@@ -78,7 +83,7 @@ impl FreeFactor {
     }
 
     /// Does what [`Self::preparation_cost`] counts.
-    pub fn prepare(&mut self, rows: &Rows, layout: &Layout) {
+    pub fn prepare(&mut self, rows: &mut Rows, layout: &Layout) {
         match self.kind {
             Kind::Rows => self.matrix.assemble(rows, layout),
             Kind::Velocities => self.coordinates.find(rows, layout),
@@ -95,12 +100,12 @@ impl FreeFactor {
     }
 
     /// Brings the factor up to date with the plan, whose multiplications are `planned`. Returns those that it took.
-    pub fn update(&mut self, layout: &Layout, iterate: &Iterate, planned: f64) -> f64 {
+    pub fn update(&mut self, rows: &Rows, layout: &Layout, iterate: &Iterate, planned: f64) -> f64 {
         let variables = &iterate.variables;
         match self.kind {
             Kind::Rows => self.rows.update(layout, &self.matrix, |p| variables[p].cfm),
             Kind::Velocities => {
-                self.velocities.update(layout, &self.coordinates, variables);
+                self.velocities.update(layout, Numbers { coordinates: &self.coordinates, data: &rows.data }, variables);
                 planned
             }
         }
@@ -116,10 +121,12 @@ impl FreeFactor {
 
     /// Replaces the right-hand side of the free rows, in the order of [`Self::places`], by their impulses. In velocity
     /// space the result needs refinement.
-    pub fn solve(&mut self, layout: &Layout, unknowns: &mut [f64]) {
+    pub fn solve(&mut self, rows: &Rows, layout: &Layout, unknowns: &mut [f64]) {
         match self.kind {
             Kind::Rows => self.rows.solve(unknowns),
-            Kind::Velocities => self.velocities.solve(layout, &self.coordinates, unknowns),
+            Kind::Velocities => {
+                self.velocities.solve(layout, Numbers { coordinates: &self.coordinates, data: &rows.data }, unknowns);
+            }
         }
     }
 

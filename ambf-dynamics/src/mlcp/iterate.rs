@@ -1,8 +1,9 @@
 //! Impulses and velocities while they are solved for.
 
+use super::coordinates::Coordinates;
 use super::layout::Layout;
 use super::problem::{Rows, State, StoredRow, StoredSide};
-use super::vector::{add_scaled, are_finite, dot_velocity};
+use super::vector::{add_velocity, are_finite, dot_velocity};
 
 /// Bounds beyond this, N·s or N·m·s, are none.
 const UNBOUNDED: f64 = 1e9;
@@ -36,19 +37,25 @@ impl Merit {
     }
 }
 
-/// Velocity components on which one row acts: `size` components of the velocities from `velocity` on; its Jacobian is
-/// `data[offset..]`.
-#[derive(Debug, Clone, Copy)]
+/// Velocity components on which one row acts: `size` components of the velocities from `velocity` on. Where its Jacobian and
+/// its response begin in [`Rows::data`].
+#[derive(Debug, Clone, Copy, Default)]
 struct Acting {
     size: u32,
-    offset: usize,
-    velocity: usize,
+    velocity: u32,
+    jacobian: usize,
+    response: usize,
 }
 
 impl Acting {
     fn new(side: &StoredSide, layout: &Layout) -> Self {
         let velocity = if side.is_some() { layout.velocity_start[side.body as usize] } else { 0 };
-        Self { size: side.size, offset: side.offset, velocity }
+        Self {
+            size: side.size,
+            velocity: velocity as u32,
+            jacobian: side.offset,
+            response: side.offset + side.size as usize,
+        }
     }
 }
 
@@ -73,7 +80,7 @@ pub(super) struct Variable {
 
 impl Variable {
     /// A row of the velocity problem without its bias, if that may add energy.
-    pub fn without_bias(row: &StoredRow, layout: &Layout, diagonal: f64) -> Self {
+    pub fn without_bias(row: &StoredRow, rows: &Rows, layout: &Layout, diagonal: f64) -> Self {
         let bias = if row.is_drive {
             0.0
         } else if row.low >= 0.0 {
@@ -84,22 +91,25 @@ impl Variable {
         } else {
             row.bias
         };
-        Self { target: row.target - bias, ..Self::of_velocity(row, layout, diagonal) }.with_possible_state()
+        Self { target: row.target - bias, ..Self::of_velocity(row, rows, layout, diagonal) }.with_possible_state()
     }
 
     /// A row of the velocity problem.
-    pub fn of_velocity(row: &StoredRow, layout: &Layout, diagonal: f64) -> Self {
+    pub fn of_velocity(row: &StoredRow, rows: &Rows, layout: &Layout, diagonal: f64) -> Self {
+        let normal = row.friction.and_then(|friction| rows.normal(&friction));
+        // Without a normal impulse there is no friction.
+        let (low, high) = if row.friction.is_some() && normal.is_none() { (0.0, 0.0) } else { (row.low, row.high) };
         Self {
             sides: [Acting::new(&row.sides[0], layout), Acting::new(&row.sides[1], layout)],
             target: row.target,
             cfm: row.cfm,
             inverse_cfm: 1.0 / row.cfm,
             diagonal: diagonal + row.cfm,
-            low: if row.low <= -UNBOUNDED { f64::NEG_INFINITY } else { row.low },
-            high: if row.high >= UNBOUNDED { f64::INFINITY } else { row.high },
+            low: if low <= -UNBOUNDED { f64::NEG_INFINITY } else { low },
+            high: if high >= UNBOUNDED { f64::INFINITY } else { high },
             x: row.x,
             state: row.state,
-            normal: row.friction.map(|friction| layout.place[friction.normal]),
+            normal: normal.map(|normal| layout.place[normal as usize]),
             coefficient: row.friction.map_or(0.0, |friction| friction.coefficient),
             cap: row.friction.map_or(0.0, |friction| friction.cap),
         }
@@ -120,6 +130,7 @@ impl Variable {
     /// `target` is that of the normal in a row of friction; a row that `is_loaded`, and one of a spring, has no bounds.
     pub fn of_position(
         row: &StoredRow,
+        rows: &Rows,
         layout: &Layout,
         diagonal: f64,
         cfm: f64,
@@ -149,7 +160,7 @@ impl Variable {
             normal: None,
             coefficient: 0.0,
             cap: 0.0,
-            ..Self::of_velocity(row, layout, diagonal)
+            ..Self::of_velocity(row, rows, layout, diagonal)
         }
         .with_possible_state()
     }
@@ -235,11 +246,13 @@ impl Variable {
     }
 }
 
-/// Rows by place, and the velocities that their impulses give.
+/// Rows by place, and the velocities that their impulses give: those of bodies, or their [`Coordinates`].
 #[derive(Debug, Default)]
 pub(super) struct Iterate {
     pub variables: Vec<Variable>,
     pub velocities: Vec<f64>,
+    /// Whether velocities are given by coordinates.
+    in_coordinates: bool,
 }
 
 impl Iterate {
@@ -247,6 +260,37 @@ impl Iterate {
         self.variables.clear();
         self.velocities.clear();
         self.velocities.resize(layout.velocity_start[layout.bodies()], 0.0);
+        self.in_coordinates = false;
+    }
+
+    /// Goes over to coordinates, in which a row is its own response. Velocities are 0 then.
+    pub fn enter(&mut self, coordinates: &Coordinates, layout: &Layout) {
+        self.in_coordinates = true;
+        self.velocities.clear();
+        self.velocities.resize(layout.coordinates, 0.0);
+        for ((row, span), &offset) in self.variables.iter_mut().zip(&coordinates.spans).zip(&coordinates.offsets) {
+            let mut at = offset;
+            row.sides = std::array::from_fn(|k| {
+                let side = Acting { size: span.size[k], velocity: span.start[k], jacobian: at, response: at };
+                at += side.size as usize;
+                side
+            });
+        }
+    }
+
+    /// Writes the velocities of all bodies that the impulses give. `rows.rows[order[p]]` is the row at place p.
+    pub fn write_velocities(&self, rows: &Rows, layout: &Layout, velocities: &mut [f64]) {
+        if !self.in_coordinates {
+            velocities.copy_from_slice(&self.velocities);
+            return;
+        }
+        velocities.fill(0.0);
+        for (variable, &index) in self.variables.iter().zip(&layout.order).filter(|(variable, _)| variable.x != 0.0) {
+            for side in rows.rows[index as usize].sides.iter().filter(|side| side.is_some()) {
+                let from = layout.velocity_start[side.body as usize];
+                add_velocity(&mut velocities[from..from + side.size as usize], variable.x, side.response(&rows.data));
+            }
+        }
     }
 
     /// Velocity along a row, `J v`.
@@ -256,8 +300,9 @@ impl Iterate {
         for side in &row.sides {
             let size = side.size as usize;
             if size > 0 {
-                let jacobian = &rows.data[side.offset..side.offset + size];
-                sum += dot_velocity(jacobian, &self.velocities[side.velocity..side.velocity + size]);
+                let jacobian = &rows.data[side.jacobian..side.jacobian + size];
+                let velocity = side.velocity as usize;
+                sum += dot_velocity(jacobian, &self.velocities[velocity..velocity + size]);
             }
         }
         sum
@@ -277,12 +322,10 @@ impl Iterate {
         }
         for side in &self.variables[place].sides {
             let size = side.size as usize;
-            let velocity = &mut self.velocities[side.velocity..side.velocity + size];
-            let response = &rows.data[side.offset + size..side.offset + 2 * size];
-            match (<&mut [f64; 6]>::try_from(&mut *velocity), <&[f64; 6]>::try_from(response)) {
-                (Ok(velocity), Ok(response)) => add_scaled(velocity, impulse, response),
-                _ => add_scaled(velocity, impulse, response),
-            }
+            let from = side.velocity as usize;
+            let velocity = &mut self.velocities[from..from + size];
+            let response = &rows.data[side.response..side.response + size];
+            add_velocity(velocity, impulse, response);
         }
     }
 

@@ -1,9 +1,11 @@
-//! Order of the rows and envelope of their matrix.
+//! Order of the rows and envelope of their matrix; order of the bodies and blocks of their matrix.
 //!
 //! Bodies are numbered by breadth-first search (Cuthill and McKee 1969) that starts at the far end of another one; a
 //! row stands with the later of its bodies. The envelope of a chain is then as wide as one joint, and a factorisation
-//! costs time linear in its length.
+//! costs time linear in its length. In velocity space bodies have another order, by minimum degree: a factorisation costs
+//! time linear in the number of bodies of a tree.
 
+use super::elimination::Elimination;
 use super::problem::{Rows, StoredRow, StoredSide};
 
 /// Multiplications by rows that take the time of one in velocity space. There each solution is refined, by one or two more
@@ -11,18 +13,27 @@ use super::problem::{Rows, StoredRow, StoredSide};
 const VELOCITY_PENALTY: f64 = 2.0;
 
 /// The coordinates of one body in the matrix of the factorisation in velocity space.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Block {
     /// First coordinate of the body, and how many it has.
     pub start: u32,
     pub size: u32,
-    /// First coordinate and first block of the envelope.
-    pub first: u32,
-    pub first_block: u32,
-    /// Entries in each of its rows of the matrix: from the first of the envelope to the last coordinate of the body.
+    /// Entries in each of its rows of the factor: those of the blocks on its left, then its own.
     pub stride: u32,
     /// Where its entries begin.
     pub offset: usize,
+    /// Where the blocks on its left, and those below it, begin.
+    left: u32,
+    below: u32,
+}
+
+/// A block of the factor beside the diagonal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Beside {
+    /// Block of the body that shares it.
+    pub block: u32,
+    /// Where its columns begin in the rows of the later one of the two.
+    pub column: u32,
 }
 
 /// Rows are numbered by *place* here, which is their position in the matrix.
@@ -47,8 +58,12 @@ pub(super) struct Layout {
     /// all.
     pub coordinate_start: Vec<u32>,
     pub coordinates: usize,
-    /// Bodies with rows, in the order of their coordinates.
-    pub blocks: Vec<Block>,
+    /// Bodies with rows, in the order of their coordinates, and where the lists of one more would begin.
+    blocks: Vec<Block>,
+    /// Blocks of the factor that are not 0: of each body those in its rows, and those in its columns.
+    left: Vec<Beside>,
+    below: Vec<Beside>,
+    elimination: Elimination,
     /// Entries of the matrix in velocity space.
     pub coordinate_entries: usize,
     /// Multiplications to find the coordinates of all rows, to add all rows to the matrix in velocity space, and to
@@ -143,14 +158,31 @@ impl Layout {
         self.scatter[place]
     }
 
-    /// The block that begins at a coordinate.
-    pub fn block_at(&self, coordinate: u32) -> &Block {
-        &self.blocks[self.block_index(coordinate)]
+    /// Bodies with rows, in the order of their coordinates.
+    pub fn blocks(&self) -> &[Block] {
+        &self.blocks[..self.blocks.len() - 1]
     }
 
     /// Index of the block that begins at a coordinate.
     pub fn block_index(&self, coordinate: u32) -> usize {
         self.block_of[coordinate as usize] as usize
+    }
+
+    /// Blocks before this one that share a block of the factor with it, in their order: those in its rows.
+    pub fn left(&self, block: usize) -> &[Beside] {
+        &self.left[self.blocks[block].left as usize..self.blocks[block + 1].left as usize]
+    }
+
+    /// Where the columns of an earlier block begin in the rows of this one, on which a row acts, too.
+    pub fn column(&self, block: usize, earlier: usize) -> u32 {
+        let left = self.left(block);
+        let at = left.partition_point(|beside| (beside.block as usize) < earlier);
+        left[at].column
+    }
+
+    /// Those after this one: in its columns.
+    pub fn below(&self, block: usize) -> &[Beside] {
+        &self.below[self.blocks[block].below as usize..self.blocks[block + 1].below as usize]
     }
 
     /// The same for rows that all act on one body: their order is given, and all entries of the matrix are within the
@@ -174,16 +206,18 @@ impl Layout {
         self.block_of.clear();
         self.block_of.resize(size as usize, 0);
         self.blocks.clear();
-        self.blocks.push(Block { start: 0, size, first: 0, first_block: 0, stride: size, offset: 0 });
+        self.left.clear();
+        self.below.clear();
+        self.blocks.push(Block { size, stride: size, ..Block::default() });
+        self.blocks.push(Block { start: size, ..Block::default() });
         let (n, d) = (rows as f64, f64::from(size));
-        let squares = |n: f64| n * (n + 1.0) * (2.0 * n + 1.0) / 6.0;
-        self.factor_cost = squares(n) / 2.0;
+        self.factor_cost = row_costs(n);
         self.assembly_cost = d * n * (n + 1.0) / 2.0;
         self.pass_cost = d * n;
         self.coordinate_entries = (size * size) as usize;
         self.coordinate_cost = if self.is_unit[body] { 0.0 } else { d * d * n };
         self.scatter_all_cost = self.scatter.iter().sum();
-        self.coordinate_factor_cost = squares(d) / 2.0;
+        self.coordinate_factor_cost = row_costs(d);
     }
 
     fn find_neighbours(&mut self, rows: &[StoredRow]) {
@@ -310,14 +344,13 @@ impl Layout {
         }
     }
 
-    /// Numbers the coordinates of velocity space and finds their envelope: two bodies meet in it where a row acts on
-    /// both.
+    /// Numbers the coordinates of velocity space and finds which blocks of the factor are not 0.
     fn find_blocks(&mut self, rows: &[StoredRow]) {
         let bodies = self.bodies();
         self.scatter.clear();
         self.coordinate_start.clear();
         self.coordinate_start.resize(bodies, u32::MAX);
-        (self.coordinate_cost, self.scatter_all_cost, self.coordinate_factor_cost) = (0.0, 0.0, 0.0);
+        (self.coordinate_cost, self.scatter_all_cost) = (0.0, 0.0);
         for p in 0..self.order.len() {
             let row = &rows[self.order[p] as usize];
             let mut is_unit = true;
@@ -332,47 +365,76 @@ impl Layout {
             self.scatter.push(cost);
             self.scatter_all_cost += cost;
         }
+        let (velocity_start, coordinate_start) = (&self.velocity_start, &self.coordinate_start);
+        let size = |body: usize| (velocity_start[body + 1] - velocity_start[body]) as u32;
+        let has_rows = |body: usize| coordinate_start[body] != u32::MAX;
+        self.elimination.find(&self.neighbours, &self.neighbour_start, has_rows, size);
         self.blocks.clear();
         self.block_of.clear();
         let mut start = 0;
-        for &body in &self.queue {
+        for (k, &body) in self.elimination.order.iter().enumerate() {
             let body = body as usize;
-            if self.coordinate_start[body] == u32::MAX {
-                continue;
-            }
             self.coordinate_start[body] = start;
             let size = (self.velocity_start[body + 1] - self.velocity_start[body]) as u32;
-            let block = self.blocks.len() as u32;
-            self.block_of.resize((start + size) as usize, block);
-            self.blocks.push(Block { start, size, first: start, first_block: block, stride: 0, offset: 0 });
+            self.block_of.resize((start + size) as usize, k as u32);
+            self.blocks.push(Block { start, size, below: self.elimination.start[k], ..Block::default() });
             start += size;
         }
         self.coordinates = start as usize;
-        for row in rows {
-            let [a, b] = row.sides;
-            // A body without velocity components has no coordinate to start at.
-            if !a.is_some() || !b.is_some() || a.size == 0 || b.size == 0 {
-                continue;
+        self.blocks.push(Block { start, below: self.elimination.below.len() as u32, ..Block::default() });
+        self.find_columns();
+    }
+
+    /// Lists the blocks beside the diagonal, of rows and of columns, and counts entries and multiplications.
+    fn find_columns(&mut self) {
+        let count = self.blocks.len() - 1;
+        self.below.clear();
+        self.below.extend(self.elimination.below.iter().map(|&body| {
+            let block = self.elimination.place(body);
+            self.blocks[block as usize + 1].left += 1;
+            Beside { block, column: 0 }
+        }));
+        for k in 0..count {
+            self.blocks[k + 1].left += self.blocks[k].left;
+        }
+        self.left.clear();
+        self.left.resize(self.below.len(), Beside { block: 0, column: 0 });
+        // How many blocks of each row are listed.
+        self.scratch.clear();
+        self.scratch.resize(count, 0);
+        self.coordinate_factor_cost = 0.0;
+        for k in 0..count {
+            let Block { size, below, .. } = self.blocks[k];
+            let of = &mut self.below[below as usize..self.blocks[k + 1].below as usize];
+            of.sort_unstable_by_key(|beside| beside.block);
+            let width = f64::from(size);
+            let mut above = 0.0;
+            for beside in of {
+                let row = &mut self.blocks[beside.block as usize];
+                beside.column = row.stride;
+                row.stride += size;
+                let listed = &mut self.scratch[beside.block as usize];
+                self.left[(row.left + *listed) as usize] = Beside { block: k as u32, column: beside.column };
+                *listed += 1;
+                let height = f64::from(row.size);
+                self.coordinate_factor_cost += height * width * (above + (width + 1.0) / 2.0 + (height + 1.0) / 2.0);
+                above += height;
             }
-            let (a, b) = (self.coordinate_start[a.body as usize], self.coordinate_start[b.body as usize]);
-            let (low, high) = (self.block_of[a.min(b) as usize], self.block_of[a.max(b) as usize]);
-            let first = &mut self.blocks[high as usize].first_block;
-            *first = low.min(*first);
+            self.coordinate_factor_cost += row_costs(width);
         }
         let mut offset = 0;
-        for i in 0..self.blocks.len() {
-            let first = self.blocks[self.blocks[i].first_block as usize].start;
-            let block = &mut self.blocks[i];
-            block.first = first;
-            block.stride = block.start + block.size - first;
+        for block in &mut self.blocks[..count] {
+            block.stride += block.size;
             block.offset = offset;
             offset += block.size as usize * block.stride as usize;
-            for width in block.stride - block.size + 1..=block.stride {
-                self.coordinate_factor_cost += f64::from(width) * f64::from(width) / 2.0;
-            }
         }
         self.coordinate_entries = offset;
     }
+}
+
+/// Multiplications of the Cholesky factorisation of a full matrix with n rows.
+fn row_costs(n: f64) -> f64 {
+    n * (n + 1.0) * (2.0 * n + 1.0) / 12.0
 }
 
 /// Multiplications to add a row to the matrix in velocity space. `is_unit`: its components that are 0 stay so.
@@ -420,6 +482,7 @@ mod tests {
             (layout.arranged, layout.arranged_bodies) = Default::default();
             (layout.queue, layout.neighbours, layout.neighbour_start, layout.body_place, layout.scratch) =
                 Default::default();
+            layout.elimination = Elimination::default();
             format!("{layout:?}")
         };
         assert_eq!(arrange(&rows, true), arrange(&rows, false));

@@ -11,11 +11,12 @@
 //! with the bounds of Coulomb friction in proportion to the normal impulse, one direction at a time. Units are SI.
 //!
 //! # Methods
-//! 1. The free rows are factored in the cheaper of two ways, both ordered by Cuthill and McKee's numbering of the
-//!    bodies and stored by envelope. By rows: Cholesky factor of the matrix; after a change of the active set it is computed
-//!    again from the first changed row on. In velocity space, for many rows on few velocity components: Woodbury's
-//!    formula in coordinates in which the mass matrix of each body is the identity; rows whose state changes are added
-//!    or removed, and the result is refined. Rows with hardly any CFM are factored by rows.
+//! 1. The free rows are factored in the cheaper of two ways. By rows: Cholesky factor of the matrix, ordered by Cuthill and
+//!    McKee's numbering of the bodies and stored by envelope; after a change of the active set it is computed again from the
+//!    first changed row on. In velocity space, for many rows on few velocity components: Woodbury's formula in coordinates
+//!    in which the mass matrix of each body is the identity, by blocks of bodies in an order of minimum degree; rows whose
+//!    state changes are added or removed, the blocks that depend on them are found again, and the result is refined, from the
+//!    impulses at hand on. Rows with hardly any CFM are factored by rows.
 //! 2. Block principal pivoting (Júdice and Pires 1994), where the bounds of friction follow the normal impulses.
 //! 3. If that cycles, staggered projections (Kaufman et al. 2008): alternately the problem within fixed bounds, by
 //!    block pivoting or, at worst, a primal active-set method, and those bounds. Newton's method for sliding friction (Alart
@@ -38,6 +39,7 @@
 
 mod coordinates;
 mod dissipate;
+mod elimination;
 mod factor;
 pub mod ffi;
 mod free;

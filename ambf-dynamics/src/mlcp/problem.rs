@@ -213,11 +213,23 @@ impl StoredSide {
 
 pub(super) type StoredRow = ConstraintRow<StoredSide>;
 
-/// Rows in the order in which they were added; the numbers of all Jacobians and responses lie in one vector.
+/// Index of a row that is left out.
+const LEFT_OUT: u32 = u32::MAX;
+
+/// Rows in the order in which they were added; the numbers of all Jacobians and responses lie in one vector, then those of
+/// [`Coordinates`](super::coordinates::Coordinates).
+///
+/// Drives without strength, as Bullet sets up for each spring that a joint could have, are left out.
 #[derive(Debug, Default)]
 pub(super) struct Rows {
     pub rows: Vec<StoredRow>,
+    /// Index among all rows of each one that is not left out.
+    pub index: Vec<u32>,
+    /// The other way round; [`LEFT_OUT`].
+    kept: Vec<u32>,
     pub data: Vec<f64>,
+    /// Where the coordinates begin in `data`, if that ends with them.
+    coordinates: Option<usize>,
     /// Whether a number of the Jacobians and responses is not finite.
     pub not_finite: bool,
     /// First row whose Jacobian and response differ in length.
@@ -227,13 +239,23 @@ pub(super) struct Rows {
 impl Rows {
     pub fn clear(&mut self) {
         self.rows.clear();
+        self.index.clear();
+        self.kept.clear();
         self.data.clear();
+        self.coordinates = None;
         self.not_finite = false;
         self.uneven = None;
     }
 
     pub fn add(&mut self, row: &Row) -> usize {
-        let index = self.rows.len();
+        let index = self.kept.len();
+        self.coordinates = None;
+        if row.is_drive && row.low == 0.0 && row.high == 0.0 && !row.in_positions && row.friction.is_none() {
+            self.kept.push(LEFT_OUT);
+            return index;
+        }
+        self.kept.push(self.rows.len() as u32);
+        self.index.push(index as u32);
         let sides = row.sides.map(|side| match side {
             Some(side) => self.add_side(index, &side),
             None => StoredSide::NONE,
@@ -266,16 +288,34 @@ impl Rows {
         StoredSide { body: i32::try_from(side.body).unwrap_or(i32::MAX), size: size as u32, offset, nonzeros }
     }
 
+    /// Removes coordinates that were found before, and has new ones begin at the end of `data`.
+    pub fn begin_coordinates(&mut self) {
+        let start = self.coordinates.unwrap_or(self.data.len());
+        self.data.truncate(start);
+        self.coordinates = Some(start);
+    }
+
+    /// Rows with those that are left out.
+    pub fn count(&self) -> usize {
+        self.kept.len()
+    }
+
+    /// Where the normal row of friction is; `None`: it is left out, and has no impulse.
+    pub fn normal(&self, friction: &Friction) -> Option<u32> {
+        Some(self.kept[friction.normal]).filter(|&kept| kept != LEFT_OUT)
+    }
+
     /// `velocity_start`: where the velocity of each body begins, and the end of the last.
     pub fn check(&self, velocity_start: &[usize]) -> Result<(), ProblemError> {
         if let Some(error) = self.uneven {
             return Err(error);
         }
-        let (bodies, rows) = (velocity_start.len() - 1, self.rows.len());
+        let (bodies, rows) = (velocity_start.len() - 1, self.kept.len());
         if rows >= i32::MAX as usize || bodies >= i32::MAX as usize {
             return Err(ProblemError::TooLarge);
         }
-        for (index, row) in self.rows.iter().enumerate() {
+        for (&index, row) in self.index.iter().zip(&self.rows) {
+            let index = index as usize;
             for side in row.sides.iter().filter(|side| side.is_some()) {
                 let (body, found) = (side.body as usize, side.size as usize);
                 if body >= bodies {

@@ -129,12 +129,14 @@ impl Solution {
         self.velocities.fill(0.0);
     }
 
-    fn take(&mut self, iterate: &Iterate, layout: &Layout) {
-        for (row, &p) in iterate.variables.iter().zip(&layout.order) {
-            self.impulses[p as usize] = row.x;
-            self.states[p as usize] = row.state;
+    fn take(&mut self, iterate: &Iterate, rows: &Rows, layout: &Layout) {
+        self.states.fill(State::Low);
+        for (row, &kept) in iterate.variables.iter().zip(&layout.order) {
+            let index = rows.index[kept as usize] as usize;
+            self.impulses[index] = row.x;
+            self.states[index] = row.state;
         }
-        self.velocities.copy_from_slice(&iterate.velocities);
+        iterate.write_velocities(rows, layout, &mut self.velocities);
     }
 }
 
@@ -259,10 +261,10 @@ impl Solver {
         self.prepared = false;
         self.layout.set_bodies(rigid, articulations);
         let velocities = self.layout.velocity_start[self.layout.bodies()];
-        self.velocity.resize(self.rows.rows.len(), velocities);
+        self.velocity.resize(self.rows.count(), velocities);
         self.velocity.reset();
-        self.position.resize(self.rows.rows.len(), velocities);
-        self.position_errors.resize(self.rows.rows.len(), 0.0);
+        self.position.resize(self.rows.count(), velocities);
+        self.position_errors.resize(self.rows.count(), 0.0);
         self.rows.check(&self.layout.velocity_start)?;
         self.layout.arrange(&self.rows);
         self.factor.set_rows(&self.rows, &self.layout);
@@ -303,12 +305,12 @@ impl Solver {
         &mut self,
         yielding: f64,
         budget: Budget,
-        variable: fn(&StoredRow, &Layout, f64) -> Variable,
+        variable: fn(&StoredRow, &Rows, &Layout, f64) -> Variable,
     ) -> Outcome {
         if self.begin() {
             for (p, &row) in self.layout.order.iter().enumerate() {
                 let row = &self.rows.rows[row as usize];
-                let mut variable = variable(row, &self.layout, self.factor.diagonal()[p]);
+                let mut variable = variable(row, &self.rows, &self.layout, self.factor.diagonal()[p]);
                 variable.soften(yielding * row.yielding_cfm, row.fed);
                 self.iterate.variables.push(variable);
             }
@@ -317,7 +319,7 @@ impl Solver {
         if outcome == Outcome::NotFinite {
             self.velocity.reset();
         } else {
-            self.velocity.take(&self.iterate, &self.layout);
+            self.velocity.take(&self.iterate, &self.rows, &self.layout);
         }
         outcome
     }
@@ -357,33 +359,38 @@ impl Solver {
         self.position.reset();
         self.position_errors.fill(0.0);
         if self.begin() {
-            for (p, &index) in self.layout.order.iter().enumerate() {
-                let row = &self.rows.rows[index as usize];
-                let of_target = row.friction.map_or(index as usize, |friction| friction.normal);
-                let target = target(of_target).unwrap_or(self.rows.rows[of_target].position_target);
-                let state = guess(index as usize);
+            for (p, &kept) in self.layout.order.iter().enumerate() {
+                let row = &self.rows.rows[kept as usize];
+                let index = self.rows.index[kept as usize] as usize;
+                let normal = row.friction.map(|friction| (friction.normal, self.rows.normal(&friction)));
+                let (of_target, kept) = normal.unwrap_or((index, Some(kept)));
+                let own = || kept.map_or(0.0, |kept| self.rows.rows[kept as usize].position_target);
+                let target = target(of_target).unwrap_or_else(own);
+                let state = guess(index);
                 let diagonal = self.factor.diagonal()[p];
                 let cfm = if row.is_drive && row.position_cfm > 0.0 {
                     row.position_cfm
                 } else {
                     row.cfm.max(softness.damping * row.position_cfm.max(softness.share * diagonal))
                 };
-                let is_loaded = row.stays_loaded && self.velocity.impulses[index as usize] != 0.0;
+                let is_loaded = row.stays_loaded && self.velocity.impulses[index] != 0.0;
                 // The velocities already end where a loaded row closes.
                 let opens = (row.low >= 0.0 && target < 0.0) || (row.high <= 0.0 && target > 0.0);
                 let target = if is_loaded && opens { 0.0 } else { target };
-                let variable = Variable::of_position(row, &self.layout, diagonal, cfm, target, state, is_loaded);
+                let variable =
+                    Variable::of_position(row, &self.rows, &self.layout, diagonal, cfm, target, state, is_loaded);
                 self.iterate.variables.push(variable);
             }
         }
         let outcome = self.run(budget);
         if outcome != Outcome::NotFinite {
-            self.position.take(&self.iterate, &self.layout);
-            for (row, &p) in self.iterate.variables.iter().zip(&self.layout.order) {
+            self.position.take(&self.iterate, &self.rows, &self.layout);
+            for (row, &kept) in self.iterate.variables.iter().zip(&self.layout.order) {
                 let left = row.target - self.iterate.row_velocity(&self.rows, row);
-                let given = &self.rows.rows[p as usize];
+                let given = &self.rows.rows[kept as usize];
                 let counts = given.in_positions && !given.is_drive && given.friction.is_none() && row.can_push(left);
-                self.position_errors[p as usize] = if counts { left } else { 0.0 };
+                let index = self.rows.index[kept as usize] as usize;
+                self.position_errors[index] = if counts { left } else { 0.0 };
             }
         }
         outcome
@@ -438,7 +445,7 @@ impl Solver {
     }
 
     fn begin(&mut self) -> bool {
-        self.statistics = Statistics { rows: self.rows.rows.len() as u32, ..Statistics::default() };
+        self.statistics = Statistics { rows: self.rows.count() as u32, ..Statistics::default() };
         if self.prepared {
             self.iterate.begin(&self.layout);
         }

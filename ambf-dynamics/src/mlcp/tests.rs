@@ -357,3 +357,34 @@ fn limits_on_both_sides_keep_their_guess() {
         compare(solver.impulses(), &[1.0, 0.0], 1e-10);
     }
 }
+
+#[test]
+fn drives_without_strength_are_rows_without_effect() {
+    let side = Some(Side { body: 0, jacobian: &[1.0, 0.0], response: &[1.0, 0.0] });
+    let across = Some(Side { body: 0, jacobian: &[0.0, 1.0], response: &[0.0, 1.0] });
+    let row = Row { sides: [side, None], ..Row::default() };
+    let idle = Row { target: f64::MAX, low: 0.0, high: 0.0, is_drive: true, in_positions: false, ..row };
+    let contact = Row { target: 2.0, position_target: 3.0, low: 0.0, high: NONE, ..row };
+    let friction = |normal: usize| Row {
+        sides: [across, None],
+        target: 5.0,
+        in_positions: false,
+        friction: Some(Friction { normal, coefficient: 0.5, cap: NONE }),
+        ..Row::default()
+    };
+    let mut solver = Solver::new();
+    // Friction of the contact, which comes later, and of one of the drives.
+    for row in [idle, friction(3), idle, contact, friction(2)] {
+        solver.add_row(&row);
+    }
+    solver.prepare(0, &[2]).expect("a proper problem");
+    assert_eq!(solver.solve(Budget::UNLIMITED), Outcome::Solved);
+    compare(solver.impulses(), &[0.0, 1.0, 0.0, 2.0, 0.0], 1e-9);
+    assert_eq!(solver.states()[3], State::Free);
+    compare(solver.velocities(), &[2.0, 1.0], 1e-9);
+    assert_eq!(solver.solve_positions(None, None, 1e-9, Budget::UNLIMITED), Outcome::Solved);
+    compare(solver.position_velocities(), &[3.0, 0.0], 1e-6);
+    assert_eq!(solver.position_impulses().len(), 5);
+    assert!(solver.position_errors()[3].abs() < 1e-6, "{}", solver.position_errors()[3]);
+    assert_eq!(solver.statistics().rows, 5);
+}

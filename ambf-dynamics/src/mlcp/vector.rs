@@ -66,6 +66,15 @@ pub(super) fn dot_velocity(a: &[f64], b: &[f64]) -> f64 {
     dot(a, b)
 }
 
+/// `y += a x` of velocities.
+#[inline(always)]
+pub(super) fn add_velocity(y: &mut [f64], a: f64, x: &[f64]) {
+    match (<&mut [f64; 6]>::try_from(&mut *y), <&[f64; 6]>::try_from(x)) {
+        (Ok(y), Ok(x)) => add_scaled(y, a, x),
+        _ => add_scaled(y, a, x),
+    }
+}
+
 /// `y += a x`.
 #[inline(always)]
 pub(super) fn add_scaled(y: &mut [f64], a: f64, x: &[f64]) {
