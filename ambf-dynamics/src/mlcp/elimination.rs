@@ -86,8 +86,9 @@ impl Elimination {
             let other = self.below[i] as usize;
             let (first, end) = (self.bodies[other].0 as usize, self.bodies[other].1 as usize);
             // Eliminated bodies that had this one below them are part of it now.
-            let mut next = start[other] as usize;
-            for k in next..first {
+            let begin = start[other] as usize;
+            let mut next = begin;
+            for k in begin..first {
                 let eliminated = self.links[k];
                 if self.met[eliminated as usize] != last {
                     self.links[next] = eliminated;

@@ -378,7 +378,7 @@ impl Solver {
                 let opens = (row.low >= 0.0 && target < 0.0) || (row.high <= 0.0 && target > 0.0);
                 let target = if is_loaded && opens { 0.0 } else { target };
                 let variable =
-                    Variable::of_position(row, &self.rows, &self.layout, diagonal, cfm, target, state, is_loaded);
+                    Variable::of_position(row, &self.rows, &self.layout, [diagonal, cfm], target, state, is_loaded);
                 self.iterate.variables.push(variable);
             }
         }
