@@ -36,7 +36,7 @@ pub struct AccurateSettings {
     /// [`budget_per_row`](Self::budget_per_row) for each row of an island. When it is used up, the best approximation found
     /// is the result. Default: 100 000.
     pub base_budget: f64,
-    /// See [`base_budget`](Self::base_budget). Default: 2200.
+    /// See [`base_budget`](Self::base_budget). Default: 2e4.
     pub budget_per_row: f64,
     /// Maximum unused budget that a world saves for later solutions, such as those of impacts, in multiplications.
     /// Default: 1 000 000.
@@ -57,7 +57,7 @@ impl Default for AccurateSettings {
             max_direct_contacts: 60,
             max_direct_cost_per_row: 500.0,
             base_budget: 1e5,
-            budget_per_row: 2200.0,
+            budget_per_row: 2e4,
             max_saved_budget: 1e6,
         }
     }

@@ -186,11 +186,6 @@ impl Variable {
         self.normal.is_some()
     }
 
-    /// Place of the normal impulse of a friction row.
-    pub fn normal(&self) -> Option<usize> {
-        self.normal.map(|normal| normal as usize)
-    }
-
     pub fn is_unbounded(&self) -> bool {
         self.low == f64::NEG_INFINITY && self.high == f64::INFINITY
     }
@@ -433,7 +428,7 @@ impl Iterate {
         }
     }
 
-    /// Multiplies all impulses by the factor of at most 1 with which [`energy`](Self::energy) is least, and then at
+    /// Multiplies all impulses by the factor of at most 1 with which the [objective](Merit::objective) is least, and then at
     /// most 0.
     pub fn scale_down(&mut self, rows: &Rows) {
         let (mut asked, mut squared) = (0.0, 0.0);
@@ -463,11 +458,5 @@ impl Iterate {
             }
         }
         (work, asked)
-    }
-
-    /// Objective that the impulses minimise within fixed bounds, `xᵀ (A + cfm) x / 2 - targetᵀ x`, J.
-    pub fn energy(&self, rows: &Rows) -> f64 {
-        let of = |row: &Variable| row.x * ((self.row_velocity(rows, row) + row.cfm * row.x) / 2.0 - row.target);
-        self.variables.iter().map(of).sum()
     }
 }

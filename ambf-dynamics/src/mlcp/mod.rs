@@ -18,18 +18,18 @@
 //!    state changes are added or removed, the blocks that depend on them are found again, and the result is refined, from the
 //!    impulses at hand on. Rows with hardly any CFM are factored by rows.
 //! 2. Block principal pivoting (Júdice and Pires 1994), where the bounds of friction follow the normal impulses.
-//! 3. If that cycles, staggered projections (Kaufman et al. 2008): alternately the problem within fixed bounds, by
-//!    block pivoting or, at worst, a primal active-set method, and those bounds. Newton's method for sliding friction (Alart
-//!    and Curnier 1991) follows each alternation.
-//! 4. If that fails, projected Gauss–Seidel with subspace minimisation (Silcowitz, Niebe and Erleben 2010).
-//! 5. If the best approximation is poor, the problem without friction, and then friction for its normal impulses, which
-//!    lowers the energy; and, if it is not near a solution, all rows but friction exactly for its friction.
+//! 3. If that cycles, staggered projections (Kaufman et al. 2008): alternately the problem within fixed bounds of friction,
+//!    which is convex, by Newton's method with an exact line search, and those bounds, averaged with those before. Newton's
+//!    method for sliding friction (Alart and Curnier 1991) follows each alternation. What is missed where that does not
+//!    converge is friction alone.
+//! 4. Where the budget ends before one problem within fixed bounds is solved, the impulses at hand are scaled to where they
+//!    add no energy, and joints are solved exactly for all else; bodies without joints get sweeps of projected Gauss–Seidel.
 //!
 //! A guess that is the solution is returned unchanged if a factorisation is expensive; a guess near the solution gets a
 //! smaller share of the budget, and sweeps end when they hardly change velocities.
 //!
-//! The work is bounded by a [`Budget`], of which method 5 and the problem without biases may take as much again; problems whose factorisation does not
-//! fit are solved by sweeps of projected Gauss–Seidel. The impulses add no energy beyond that of biases and drives. They
+//! The work is bounded by a [`Budget`], of which the problem without biases may take as much again; problems whose
+//! factorisation does not fit are solved by sweeps of projected Gauss–Seidel. The impulses add no energy beyond that of biases and drives. They
 //! are within their bounds, except friction in approximations, and [`Outcome`] states their accuracy. The result depends
 //! on the rows and the budget only. No memory is allocated while a problem is not larger than those before it.
 //!
@@ -38,7 +38,7 @@
 //! the rows.
 
 mod coordinates;
-mod dissipate;
+mod descent;
 mod elimination;
 mod factor;
 pub mod ffi;
@@ -51,7 +51,6 @@ mod newton;
 mod pivot;
 mod problem;
 mod solver;
-mod stagger;
 mod sweeps;
 #[cfg(test)]
 mod tests;

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! It is not symmetric and is factored densely, which is for small problems only. From a bad active set the iterations
-//! cycle; staggered projections find a good one.
+//! cycle; staggered projections (`descent.rs`) find a good one.
 
 use super::iterate::Iterate;
 use super::problem::{Rows, State};
@@ -196,8 +196,14 @@ impl Solver {
             self.iterate.move_to_bounds();
             self.iterate.accumulate(&self.rows);
             // Bounds of friction may have reached their caps.
-            if self.update_active_set() == 0 && self.record() <= self.accepted {
-                return true;
+            if self.update_active_set() == 0 {
+                if self.iterate.clamp() {
+                    self.iterate.accumulate(&self.rows);
+                }
+                if self.iterate.merit(&self.rows).residual <= self.accepted {
+                    self.record_current(true);
+                    return true;
+                }
             }
         }
         false

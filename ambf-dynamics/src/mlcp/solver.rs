@@ -1,5 +1,6 @@
 //! The solver: its memory, the order of its methods, and what it returns.
 
+use super::descent::Way;
 use super::free_factor::FreeFactor;
 use super::iterate::{Iterate, Merit, Variable};
 use super::layout::Layout;
@@ -10,8 +11,6 @@ use super::problem::{ProblemError, Row, Rows, State, StoredRow};
 pub(super) const MIN_SWEEPS: u32 = 4;
 /// Most factorisations of block pivoting; where it cycles, more of them do not help.
 pub(super) const MAX_PIVOT_ROUNDS: u32 = 20;
-/// Most factorisations of staggered projections.
-pub(super) const MAX_STAGGER_ROUNDS: u32 = 10 * MAX_PIVOT_ROUNDS;
 /// Tolerances of pivoting and of the result, as shares of the largest target.
 const FINE: f64 = 1e-9;
 const COARSE: f64 = 1e-6;
@@ -31,8 +30,6 @@ const NEAR_SHARE: f64 = 0.2;
 /// The residual of the guess is computed first only if a factorisation and the budget are at least this multiple of one
 /// pass over the rows.
 const EXPENSIVE: f64 = 10.0;
-/// Residual from which an approximation counts as poor, as a share of the largest target.
-const POOR: f64 = 1e-2;
 /// Energy that biases may add, as a share of the kinetic energy and of the nominal work Σ |λ · bias| of the biases, and
 /// at most as a share of the kinetic energy. Curved motion exchanges the share θ³ of the kinetic energy in a turn of
 /// θ rad. Rows that nearly contradict each other have impulses, and a nominal work, that are thousands of times those
@@ -44,12 +41,9 @@ const MAX_ENERGY_SLACK: f64 = 0.01;
 const MAX_BIAS_WORK: f64 = 1e4;
 /// Velocities up to this count as 0, m/s or rad/s.
 const TINY: f64 = 1e-14;
-/// Shares of the budget up to which block pivoting, staggered projections, the factorisations of subspace minimisation
-/// and its sweeps may go.
+/// Shares of the budget up to which block pivoting and staggered projections may go.
 const PIVOT_SHARE: f64 = 0.7;
-const STAGGER_SHARE: f64 = 0.8;
-const POLISH_SHARE: f64 = 0.85;
-const SWEEP_SHARE: f64 = 0.9;
+const ALTERNATION_SHARE: f64 = 0.85;
 
 /// Largest work of a solution, in multiplications.
 ///
@@ -155,6 +149,12 @@ impl Default for Best {
     }
 }
 
+impl Best {
+    pub(super) fn forget(&mut self) {
+        (self.merit, self.is_current) = (Merit::NOT_FINITE, false);
+    }
+}
+
 /// CFM of a position problem.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Softness {
@@ -180,8 +180,10 @@ pub struct Solver {
     pub(super) unknowns: Vec<f64>,
     /// By how much the equations of the free rows are missed, in the same order.
     pub(super) errors: Vec<f64>,
-    /// Impulses before a method that may fail, by place.
-    pub(super) saved: Vec<f64>,
+    /// Steps to a minimum, by place.
+    pub(super) ways: Vec<Way>,
+    /// Upper bounds of friction in the turn before, by place.
+    pub(super) turn_bounds: Vec<f64>,
     /// Bounds of all rows while some are held, by place.
     pub(super) bounds: Vec<(f64, f64)>,
     /// Largest error of a velocity that counts as none, m/s or rad/s.
@@ -477,16 +479,11 @@ impl Solver {
             return Outcome::NotFinite;
         }
         self.load_best();
-        if self.best.merit.residual > accepted.max(POOR * scale) {
-            self.dissipate(budget);
-            self.load_best();
-        }
-        // Half of as much work again; the other half is left for the problem without biases.
-        let limit = budget + budget / 2.0;
-        let is_held = self.best.merit.residual > accepted.max(NEAR * scale) && self.hold_friction(limit);
-        if !is_held && self.best.merit.residual > accepted {
-            self.close_joints();
-            self.load_best();
+        if self.best.merit.objective > 0.0 && self.best.merit.residual > accepted {
+            self.iterate.scale_down(&self.rows);
+            self.iterate.bound_frictions();
+            self.iterate.accumulate(&self.rows);
+            self.best.merit = self.iterate.merit(&self.rows);
         }
         let residual = self.best.merit.residual;
         self.statistics.residual = residual;
@@ -535,19 +532,18 @@ impl Solver {
                 return;
             }
         }
-        self.restore_guess();
         if is_near {
             // Sweeps move the guess on, where projections that need not converge leave it.
-            self.sweeps(budget);
-        } else {
-            self.staggered_projections(STAGGER_SHARE * direct);
-            if self.record() <= accepted {
-                return;
-            }
             self.restore_guess();
-            self.pgs_polish(SWEEP_SHARE * budget, POLISH_SHARE * direct);
+            self.sweeps(budget);
+            self.record();
+        } else {
+            let has_joints = self.iterate.variables.iter().any(Variable::is_unbounded);
+            if !self.alternate(ALTERNATION_SHARE * direct) && !has_joints {
+                self.sweeps(budget);
+                self.record();
+            }
         }
-        self.record();
     }
 
     /// Judges the guess, which is the solution where bodies rest or contacts open, and then the best so far. Returns
@@ -589,25 +585,25 @@ impl Solver {
             self.iterate.accumulate(&self.rows);
             self.statistics.multiplications += self.layout.pass_cost;
         }
+        self.record_current(false)
+    }
+
+    /// The same with impulses whose velocities are known, also where friction exceeds its bounds. Of impulses that miss
+    /// nothing but friction the residual decides.
+    pub(super) fn record_current(&mut self, misses_friction_alone: bool) -> f64 {
         let merit = self.iterate.merit(&self.rows);
         self.statistics.multiplications += self.layout.pass_cost;
-        self.best.is_current = merit.is_better_than(&self.best.merit, self.accepted);
+        self.best.is_current = if misses_friction_alone {
+            merit.residual < self.best.merit.residual
+        } else {
+            merit.is_better_than(&self.best.merit, self.accepted)
+        };
         if self.best.is_current {
             self.best.merit = merit;
             self.best.x.clear();
             self.best.x.extend(self.iterate.variables.iter().map(|row| (row.x, row.state)));
         }
         merit.residual
-    }
-
-    /// Keeps the impulses at hand, with their velocities, as the result, also where friction exceeds its bounds.
-    pub(super) fn keep_current(&mut self) {
-        self.best.merit = self.iterate.merit(&self.rows);
-        self.best.is_current = true;
-    }
-
-    pub(super) fn best_objective(&self) -> f64 {
-        self.best.merit.objective
     }
 
     fn load_best(&mut self) {
@@ -617,7 +613,7 @@ impl Solver {
         for (row, &(x, state)) in self.iterate.variables.iter_mut().zip(&self.best.x) {
             (row.x, row.state) = (x, state);
         }
-        self.iterate.clamp();
+        self.iterate.bound_frictions();
         self.iterate.accumulate(&self.rows);
     }
 

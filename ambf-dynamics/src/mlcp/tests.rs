@@ -191,7 +191,7 @@ fn rows_in_unit_coordinates_have_the_same_solution_by_both_and_take_less_work() 
                 jacobian.rows_mut(6 + 6 * (k % 3), 6).fill(0.0);
             }
             let target = pair.random.next();
-            pair.add(&sides, Row { target, position_target: target, low: 0.0, ..Row::default() }, 1e-3);
+            pair.add(&sides, Row { target, position_target: target, ..Row::default() }, 1e-3);
         }
         pair.prepare();
         assert!(pair.agree(1e-7));
