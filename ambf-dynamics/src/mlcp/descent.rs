@@ -42,6 +42,15 @@ pub(super) struct Way {
     change: f64,
 }
 
+/// Bound of one row of friction in the turn before, N·s or N·m·s: with which impulses were found, the one that follows from
+/// them, and the difference.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct BoundStep {
+    used: f64,
+    found: f64,
+    change: f64,
+}
+
 /// Derivative of the row's potential by its velocity error: the impulse, N·s or N·m·s.
 fn force(row: &Variable, along: f64) -> f64 {
     row.clamp((row.target - along) / row.cfm.max(MIN_CFM * row.diagonal))
@@ -49,11 +58,11 @@ fn force(row: &Variable, along: f64) -> f64 {
 
 impl Solver {
     /// Alternates between impulses and bounds of friction, from the impulses and the active set at hand. The result replaces
-    /// all that were recorded before. Returns whether it misses at most friction.
-    pub(super) fn alternate(&mut self, limit: f64) -> bool {
+    /// all that were recorded before.
+    pub(super) fn alternate(&mut self, limit: f64) {
         self.best.forget();
         for turn in 0..MAX_TURNS {
-            self.relax_bounds(turn == 0);
+            self.accelerate_bounds(turn);
             self.best.is_current = false;
             let is_solved = self.descend(limit);
             self.iterate.bound_frictions();
@@ -62,30 +71,41 @@ impl Solver {
                 if turn == 0 {
                     self.record_part();
                 }
-                return turn > 0;
+                return;
             }
             // The bounds alone converge linearly.
             if self.record_current(true) <= self.accepted || self.newton(limit) {
-                return true;
+                return;
             }
         }
         self.best.is_current = false;
-        true
     }
 
-    /// Sets the bounds of friction: the mean of those of the turn before and those of the normal impulses. Alone the latter
-    /// lead to cycles where the normal impulses fall with friction (averaged iteration; Krasnoselskii and Mann).
-    fn relax_bounds(&mut self, is_first: bool) {
-        let Self { iterate, turn_bounds, .. } = self;
+    /// Sets the bounds of friction: those of the normal impulses, and from the third turn on the mean of those of two turns whose
+    /// weights would leave the least change if it were linear (Anderson's acceleration; Walker and Ni, *SIAM Journal on
+    /// Numerical Analysis* 49, 2011). Those of the normal impulses alone lead to cycles where friction lowers these.
+    fn accelerate_bounds(&mut self, turn: u32) {
+        let Self { iterate, bound_steps, .. } = self;
         iterate.bound_frictions();
-        if !is_first {
-            for (row, before) in iterate.variables.iter_mut().zip(&*turn_bounds).filter(|(row, _)| row.is_friction()) {
-                row.high = (row.high + before) / 2.0;
-                row.low = -row.high;
-            }
+        if turn == 0 {
+            bound_steps.clear();
+            bound_steps
+                .extend(iterate.variables.iter().map(|row| BoundStep { used: row.high, ..BoundStep::default() }));
+            return;
         }
-        turn_bounds.clear();
-        turn_bounds.extend(iterate.variables.iter().map(|row| row.high));
+        let (mut along, mut square) = (0.0, 0.0);
+        for (row, step) in iterate.variables.iter().zip(&*bound_steps).filter(|(row, _)| row.is_friction()) {
+            let change = row.high - step.used;
+            let difference = (change - step.change) * row.diagonal * row.diagonal;
+            along += change * difference;
+            square += (change - step.change) * difference;
+        }
+        let share: f64 = if turn > 1 && square > 0.0 { (along / square).clamp(0.0, 1.0) } else { 0.0 };
+        for (row, step) in iterate.variables.iter_mut().zip(bound_steps).filter(|(row, _)| row.is_friction()) {
+            let found = row.high;
+            row.bound_by(found - share * (found - step.found));
+            *step = BoundStep { used: row.high, found, change: found - step.used };
+        }
     }
 
     /// Minimises `F` from the active set at hand. Returns whether the minimum is reached.

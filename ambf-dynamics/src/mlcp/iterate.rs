@@ -186,6 +186,12 @@ impl Variable {
         self.normal.is_some()
     }
 
+    /// Sets the bounds of friction to `high`, as far as that is at least 0 and at most the cap.
+    pub fn bound_by(&mut self, high: f64) {
+        self.high = high.max(0.0).min(self.cap);
+        self.low = -self.high;
+    }
+
     pub fn is_unbounded(&self) -> bool {
         self.low == f64::NEG_INFINITY && self.high == f64::INFINITY
     }
@@ -364,10 +370,9 @@ impl Iterate {
     #[inline]
     pub fn bound_friction(&mut self, place: usize) {
         if let Some(normal) = self.variables[place].normal {
-            let normal = self.variables[normal as usize].x.max(0.0);
+            let normal = self.variables[normal as usize].x;
             let row = &mut self.variables[place];
-            row.high = (row.coefficient * normal).min(row.cap);
-            row.low = -row.high;
+            row.bound_by(row.coefficient * normal);
         }
     }
 

@@ -19,8 +19,8 @@
 //!    impulses at hand on. Rows with hardly any CFM are factored by rows.
 //! 2. Block principal pivoting (Júdice and Pires 1994), where the bounds of friction follow the normal impulses.
 //! 3. If that cycles, staggered projections (Kaufman et al. 2008): alternately the problem within fixed bounds of friction,
-//!    which is convex, by Newton's method with an exact line search, and those bounds, averaged with those before. Newton's
-//!    method for sliding friction (Alart and Curnier 1991) follows each alternation. What is missed where that does not
+//!    which is convex, by Newton's method with an exact line search, and those bounds, as a mean of two turns (Anderson's
+//!    acceleration). Newton's method for sliding friction (Alart and Curnier 1991) follows each alternation. What is missed where that does not
 //!    converge is friction alone.
 //! 4. Where the budget ends before one problem within fixed bounds is solved, the impulses at hand are scaled to where they
 //!    add no energy, and joints are solved exactly for all else; bodies without joints get sweeps of projected Gauss–Seidel.

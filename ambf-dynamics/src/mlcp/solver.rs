@@ -1,6 +1,6 @@
 //! The solver: its memory, the order of its methods, and what it returns.
 
-use super::descent::Way;
+use super::descent::{BoundStep, Way};
 use super::free_factor::FreeFactor;
 use super::iterate::{Iterate, Merit, Variable};
 use super::layout::Layout;
@@ -182,8 +182,8 @@ pub struct Solver {
     pub(super) errors: Vec<f64>,
     /// Steps to a minimum, by place.
     pub(super) ways: Vec<Way>,
-    /// Upper bounds of friction in the turn before, by place.
-    pub(super) turn_bounds: Vec<f64>,
+    /// Bounds of friction in the turn before, by place.
+    pub(super) bound_steps: Vec<BoundStep>,
     /// Bounds of all rows while some are held, by place.
     pub(super) bounds: Vec<(f64, f64)>,
     /// Largest error of a velocity that counts as none, m/s or rad/s.
@@ -539,7 +539,8 @@ impl Solver {
             self.record();
         } else {
             let has_joints = self.iterate.variables.iter().any(Variable::is_unbounded);
-            if !self.alternate(ALTERNATION_SHARE * direct) && !has_joints {
+            self.alternate(ALTERNATION_SHARE * direct);
+            if self.best.merit.residual > accepted && !has_joints {
                 self.sweeps(budget);
                 self.record();
             }
