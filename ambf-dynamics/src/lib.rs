@@ -17,5 +17,6 @@
 pub mod aba;
 pub mod assembly;
 pub mod ffi;
+pub mod island;
 pub mod mlcp;
 pub mod tree;

@@ -132,11 +132,9 @@ impl World {
             ends: &ends,
             offsets: &offsets,
             bounds: Bounds {
-                correction_speed: 10.0,
                 return_speed: 1.0,
                 return_rate: 5.0,
                 limit_erp: 0.2,
-                soft_spring: 1000.0,
             },
         };
         let mut of = Articulation::new(&mut Leaked, &plan);

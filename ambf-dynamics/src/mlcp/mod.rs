@@ -41,7 +41,6 @@ mod coordinates;
 mod dissipate;
 mod elimination;
 mod factor;
-pub mod ffi;
 mod free;
 mod free_factor;
 mod iterate;
@@ -59,4 +58,5 @@ mod vector;
 mod velocity_factor;
 
 pub use problem::{ConstraintRow, Friction, ProblemError, Row, Side, State};
+pub(crate) use solver::Softness;
 pub use solver::{Budget, Outcome, Solver, Statistics};
