@@ -124,9 +124,8 @@ class AccurateSolver : public Base {
     const bool is_small =
         is_ill_conditioned() || this->m_tmpSolverContactConstraintPool.size() <= settings_.max_direct_contacts;
     if (settings_.direct && join_coupled_bodies() && (is_small || direct_backoff_-- <= 0)) {
-      gather(info);
-      if (row_count_ == 0) return 0;
-      if (solve(info, is_small)) return 0;
+      const bool is_gathered = gather(info);
+      if (is_gathered && (row_count_ == 0 || solve(info, is_small))) return 0;
       if (!is_small) direct_backoff_ = 15;
     }
     ++settings_.statistics.islands_iterated;
@@ -495,22 +494,37 @@ class AccurateSolver : public Base {
     return most > settings_.mass_ratio_threshold * least;
   }
 
-  // Adds all rows of the island.
-  void gather(const btContactSolverInfo &info) {
-    island_table->clear(island_);
+  // Number of rows of the island.
+  size_t count_rows() const {
+    size_t rows = this->m_tmpSolverNonContactConstraintPool.size() + this->m_tmpSolverContactConstraintPool.size() +
+                  this->m_tmpSolverContactFrictionConstraintPool.size() +
+                  this->m_tmpSolverContactRollingFrictionConstraintPool.size() + this->coupled_rows_.size();
+    if constexpr (HAS_ARTICULATIONS) {
+      rows += this->m_multiBodyNonContactConstraints.size() + this->m_multiBodyNormalContactConstraints.size() +
+              this->m_multiBodyFrictionContactConstraints.size() +
+              this->m_multiBodyTorsionalFrictionContactConstraints.size() +
+              this->m_multiBodySpinningFrictionContactConstraints.size();
+    }
+    return rows;
+  }
+
+  // Writes all rows of the island. Returns whether there is memory for them.
+  bool gather(const btContactSolverInfo &info) {
+    const size_t rows = count_rows();
+    side_size_ = 6;
+    for (const int size : composite_sizes_) side_size_ = std::max(side_size_, size);
+    space_ = island_table->reserve(island_, rows, 4 * side_size_ * rows);
+    if (!space_.rows) return false;
     row_count_ = 0;
-    is_complete_ = true;
     articulations_.clear();
     articulation_sizes_.clear();
     articulation_rows_.clear();
     trees_.clear();
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
     for (int i = 0; i < joints.size(); ++i) {
-      AmbIslandRow row = joint_rows_[i];
-      row.kind = AMB_ROW_JOINT;
+      AmbIslandRow &row = add(AMB_ROW_JOINT, joint_rows_[i]);
       read(row, joints[i]);
       row.is_angular = joints[i].m_contactNormal1.isZero();
-      add(row);
     }
     add_contacts(this->m_tmpSolverContactConstraintPool, info);
     const btConstraintArray &frictions = this->m_tmpSolverContactFrictionConstraintPool;
@@ -525,6 +539,7 @@ class AccurateSolver : public Base {
     }
     if constexpr (HAS_ARTICULATIONS) gather_articulation_rows(info);
     for (const auto &coupled : this->coupled_rows_) add_coupled_row(coupled, info);
+    return true;
   }
 
   // The bodies on which a coupling acts are one in the island, whose rows have two sides. Returns whether none has too
@@ -565,24 +580,20 @@ class AccurateSolver : public Base {
 
   template <class Coupled>
   void add_coupled_row(const Coupled &coupled, const btContactSolverInfo &info) {
-    AmbIslandRow row{};
-    row.kind = AMB_ROW_COUPLING;
-    sides_[0].body = sides_[1].body = -1;
+    AmbIslandRow &row = add(AMB_ROW_COUPLING);
     row.low = -BT_LARGE_FLOAT;
     row.high = BT_LARGE_FLOAT;
     // Pseudo-velocity that removes its position error, m/s or rad/s.
     row.correction = -info.m_erp * coupled.error / info.m_timeStep;
     row.is_angular = coupled.coupling->is_angle(0);
-    if (coupled.response > 0) {
-      for (size_t i = coupled.first; i < coupled.first + coupled.count; ++i) {
-        const auto &part = this->coupled_parts_[i];
-        fill(i == coupled.first ? 0 : 1, part.body, part.linear, part.angular, part.by_linear, part.by_angular);
-      }
-      row.response = coupled.response;
-      row.target = coupled.target - coupled.velocity;
-      row.guess = coupled.coupling->is_known ? coupled.coupling->guess : 0;
+    if (!(coupled.response > 0)) return;
+    for (size_t i = coupled.first; i < coupled.first + coupled.count; ++i) {
+      const auto &part = this->coupled_parts_[i];
+      fill(i == coupled.first ? 0 : 1, part.body, part.linear, part.angular, part.by_linear, part.by_angular);
     }
-    add(row);
+    row.response = coupled.response;
+    row.target = coupled.target - coupled.velocity;
+    row.guess = coupled.coupling->is_known ? coupled.coupling->guess : 0;
   }
 
   // Where the velocity of a rigid body stands among the results.
@@ -602,8 +613,7 @@ class AccurateSolver : public Base {
   void gather_articulation_rows(const btContactSolverInfo &info) {
     btMultiBodyConstraintArray &joints = this->m_multiBodyNonContactConstraints;
     for (int i = 0; i < joints.size(); ++i) {
-      AmbIslandRow row{};
-      row.kind = AMB_ROW_ARTICULATED_JOINT;
+      AmbIslandRow &row = add(AMB_ROW_ARTICULATED_JOINT);
       read(row, joints[i]);
       // Rows of the articulation's own joints have their CFM from JointRows.
       const auto &owner = *static_cast<const EngineRows *>(joints[i].m_orgConstraint);
@@ -615,7 +625,6 @@ class AccurateSolver : public Base {
       row.bias = row.is_geometric ? owner.bias(index) : 0;
       row.guess = owner.guess(index);
       note_error(owner.error(index), row.is_angular);
-      add(row);
     }
     first_link_contact_ = row_count_;
     add_contacts(this->m_multiBodyNormalContactConstraints, info);
@@ -636,15 +645,21 @@ class AccurateSolver : public Base {
     }
   }
 
-  void add(const AmbIslandRow &row) {
-    is_complete_ = island_table->add_row(island_, &row, sides_) >= 0 && is_complete_;
+  // Begins the next row, without sides.
+  AmbIslandRow &add(int kind, const AmbIslandRow &like = {}) {
+    AmbIslandRow &row = space_.rows[row_count_];
+    row = like;
+    row.kind = kind;
+    sides_ = space_.sides[row_count_];
+    sides_[0].body = sides_[1].body = -1;
+    numbers_ = space_.numbers + size_t(4) * side_size_ * row_count_;
     ++row_count_;
+    return row;
   }
 
   // Reads the members that rows of all kinds have.
   template <class Row>
-  void read_common(AmbIslandRow &row, const Row &from) {
-    sides_[0].body = sides_[1].body = -1;
+  static void read_common(AmbIslandRow &row, const Row &from) {
     if (from.m_jacDiagABInv > 0) {
       row.effective_mass = from.m_jacDiagABInv;
       row.target = from.m_rhs / from.m_jacDiagABInv;
@@ -654,18 +669,19 @@ class AccurateSolver : public Base {
     row.high = from.m_upperLimit;
   }
 
-  // Sets one side of the next row, or adds to it if it is the same coupled body.
+  // Sets one side of the row, or adds to it if it is the same coupled body.
   void fill(int side, int id, const btVector3 &linear, const btVector3 &angular, const btVector3 &by_linear,
             const btVector3 &by_angular) {
     if (!composites_.empty() && composites_[id].index >= 0)
       return fill_composite(side, composites_[id], linear, angular, by_linear, by_angular);
+    double *const jacobian = numbers_ + 2 * side * side_size_, *const response = jacobian + side_size_;
     for (int k = 0; k < 3; ++k) {
-      jacobians_[side][k] = linear[k];
-      jacobians_[side][k + 3] = angular[k];
-      responses_[side][k] = by_linear[k];
-      responses_[side][k + 3] = by_angular[k];
+      jacobian[k] = linear[k];
+      jacobian[k + 3] = angular[k];
+      response[k] = by_linear[k];
+      response[k + 3] = by_angular[k];
     }
-    sides_[side] = {id, 6, jacobians_[side], responses_[side]};
+    sides_[side] = {id, 6, jacobian, response};
   }
 
   struct Composite {
@@ -677,11 +693,10 @@ class AccurateSolver : public Base {
                       const btVector3 &by_linear, const btVector3 &by_angular) {
     const int index = this->m_tmpSolverBodyPool.size() + part.index, size = composite_sizes_[part.index];
     if (side == 1 && sides_[0].body == index) side = 0;
-    Vector<double> &jacobian = wide_jacobians_[side], &response = wide_responses_[side];
+    double *const jacobian = numbers_ + 2 * side * side_size_, *const response = jacobian + side_size_;
     if (sides_[side].body != index) {
-      jacobian.assign(size, 0);
-      response.assign(size, 0);
-      sides_[side] = {index, size, jacobian.data(), response.data()};
+      std::fill(jacobian, jacobian + 2 * side_size_, 0);
+      sides_[side] = {index, size, jacobian, response};
     }
     for (int k = 0; k < 3; ++k) {
       jacobian[part.offset + k] += linear[k];
@@ -744,8 +759,7 @@ class AccurateSolver : public Base {
   template <class Rows>
   void add_contacts(Rows &rows, const btContactSolverInfo &info) {
     for (int i = 0; i < rows.size(); ++i) {
-      AmbIslandRow row{};
-      row.kind = AMB_ROW_CONTACT;
+      AmbIslandRow &row = add(AMB_ROW_CONTACT);
       read(row, rows[i]);
       const auto &point = *static_cast<const btManifoldPoint *>(rows[i].m_originalContactPoint);
       const ContactCache::Contact &contact = contacts_.of(rows[i]);
@@ -754,22 +768,19 @@ class AccurateSolver : public Base {
       row.correction = rows[i].m_rhsPenetration;
       row.gap = point.getDistance() + info.m_linearSlop;
       row.bias = contact_bias(rows, i, row.gap, info.m_timeStep);
-      add(row);
     }
   }
 
   // kept: `guess` is this multiple of the impulse in the last sub-step (warm-starting factor).
   template <class Row>
   void add_friction(Row &from, int first_contact, double guess, double cap, double kept) {
-    AmbIslandRow row{};
-    row.kind = AMB_ROW_FRICTION;
+    AmbIslandRow &row = add(AMB_ROW_FRICTION);
     read(row, from);
     row.normal = first_contact + from.m_frictionIndex;
     row.friction = from.m_friction;
     row.cap = cap;
     row.guess = guess;
     row.warm_start = kept;
-    add(row);
   }
 
   // Kinetic energy of all bodies of the island after external forces and before constraint impulses, J, and the mass of the
@@ -797,7 +808,6 @@ class AccurateSolver : public Base {
 
   // Solves the island and writes the results. Returns whether that was possible.
   bool solve(const btContactSolverInfo &info, bool is_small) {
-    if (!is_complete_) return false;
     AmbIslandProblem problem{};
     problem.time_step = info.m_timeStep;
     problem.sub_step = sub_step_;
@@ -818,7 +828,7 @@ class AccurateSolver : public Base {
     AmbIslandMemory memory{};
     if (first) memory = {first->drive_yielding, first->drives_yielded_in_vain, first->guess_tolerance};
     AmbIslandSolution solution;
-    island_table->solve(island_, &problem, &bodies, first ? &memory : nullptr, &settings_.budgets, &solution);
+    island_table->solve(island_, row_count_, &problem, &bodies, first ? &memory : nullptr, &settings_.budgets, &solution);
     if (first) {
       first->drive_yielding = memory.drive_yielding;
       first->drives_yielded_in_vain = memory.drives_yielded_in_vain;
@@ -946,16 +956,14 @@ class AccurateSolver : public Base {
   const AccurateContext &settings_;
   AmbIsland *island_;
   int row_count_ = 0;
-  // Whether all rows could be added.
-  bool is_complete_ = true;
   // Number of large well-conditioned islands that are solved by sequential impulses before the cost of the next one is
   // estimated.
   int direct_backoff_ = 0;
-  // Sides of the row that is read.
-  AmbIslandSide sides_[2];
-  double jacobians_[2][6], responses_[2][6];
-  // The same of coupled bodies.
-  Vector<double> wide_jacobians_[2], wide_responses_[2];
+  // Where the rows are written; of the one that is read, its sides and their numbers; and the numbers of a Jacobian there.
+  AmbIslandSpace space_{};
+  AmbIslandSide *sides_ = nullptr;
+  double *numbers_ = nullptr;
+  int side_size_ = 6;
   // Of each rigid body, if there are couplings; and the numbers of velocities of coupled bodies.
   Vector<Composite> composites_;
   Vector<int> composite_sizes_, composite_of_group_, groups_;

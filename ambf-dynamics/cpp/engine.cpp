@@ -207,8 +207,9 @@ void amb_world_energy(const AmbWorld *world, AmbEnergy *out) { *out = engine_of(
 
 void amb_set_islands(const void *table) {
   island_table = static_cast<const AmbIslandTable *>(table);
-  assert(island_table->sizes[0] == sizeof(AmbIslandRow) && island_table->sizes[1] == sizeof(AmbIslandProblem));
-  assert(island_table->sizes[2] == sizeof(AmbBudgets) && island_table->sizes[3] == sizeof(AmbIslandSolution));
+  assert(island_table->sizes[0] == sizeof(AmbIslandRow) && island_table->sizes[1] == sizeof(AmbIslandSide));
+  assert(island_table->sizes[2] == sizeof(AmbIslandProblem) && island_table->sizes[3] == sizeof(AmbBudgets));
+  assert(island_table->sizes[4] == sizeof(AmbIslandSolution));
 }
 void amb_set_trees(const void *table) {
   tree_table = static_cast<const TreeTable *>(table);

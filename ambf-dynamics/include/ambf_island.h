@@ -2,7 +2,7 @@
  * units.
  *
  * The C++ code that calls it is linked before the Rust library, and therefore uses a table of function pointers. Order of
- * calls: clear, add_row for every row, solve. */
+ * calls: reserve; rows are written to the space; solve. */
 #ifndef AMBF_ISLAND_H
 #define AMBF_ISLAND_H
 
@@ -42,6 +42,13 @@ typedef struct AmbIslandSide {
   int body, size;
   const double *jacobian, *response;
 } AmbIslandSide;
+
+typedef struct AmbIslandSpace {
+  AmbIslandRow *rows;
+  /* Two a row. */
+  AmbIslandSide (*sides)[2];
+  double *numbers;
+} AmbIslandSpace;
 
 /* Budgets in multiplications: src/island/budget.rs. */
 typedef struct AmbBudgetLimits {
@@ -104,14 +111,13 @@ typedef struct AmbIslandSolution {
 } AmbIslandSolution;
 
 typedef struct AmbIslandTable {
-  /* Of AmbIslandRow, AmbIslandProblem, AmbBudgets, AmbIslandSolution. */
-  size_t sizes[4];
+  /* Of AmbIslandRow, AmbIslandSide, AmbIslandProblem, AmbBudgets, AmbIslandSolution. */
+  size_t sizes[5];
   AmbIsland *(*create)(void);
   void (*destroy)(AmbIsland *island);
-  void (*clear)(AmbIsland *island);
-  int (*add_row)(AmbIsland *island, const AmbIslandRow *row, const AmbIslandSide *sides);
-  void (*solve)(AmbIsland *island, const AmbIslandProblem *problem, const AmbIslandBodies *bodies, AmbIslandMemory *memory,
-                AmbBudgets *budgets, AmbIslandSolution *out);
+  AmbIslandSpace (*reserve)(AmbIsland *island, size_t rows, size_t numbers);
+  void (*solve)(AmbIsland *island, size_t rows, const AmbIslandProblem *problem, const AmbIslandBodies *bodies,
+                AmbIslandMemory *memory, AmbBudgets *budgets, AmbIslandSolution *out);
   void (*begin)(AmbBudgets *budgets, const AmbBudgetLimits *limits, bool is_continued);
   bool (*may_divide)(const AmbBudgets *budgets);
 } AmbIslandTable;

@@ -131,11 +131,7 @@ impl World {
             terms: &terms,
             ends: &ends,
             offsets: &offsets,
-            bounds: Bounds {
-                return_speed: 1.0,
-                return_rate: 5.0,
-                limit_erp: 0.2,
-            },
+            bounds: Bounds { return_speed: 1.0, return_rate: 5.0, limit_erp: 0.2 },
         };
         let mut of = Articulation::new(&mut Leaked, &plan);
         let (angular, linear) = (vector(&numbers.three()), vector(&numbers.three()));

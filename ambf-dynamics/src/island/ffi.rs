@@ -11,7 +11,7 @@ use std::slice;
 use crate::aba::ffi::AmbTree;
 use crate::mlcp::Side;
 
-use super::{Articulations, Budgets, Counters, Island, Limits, Memory, Outcome, Problem, Row};
+use super::{Articulations, Budgets, Counters, Island, Kept, Limits, Memory, Outcome, Problem, Row};
 
 /// [`Outcome::Solved`] in C.
 pub const SOLVED: c_int = 0;
@@ -32,10 +32,50 @@ pub struct AmbIslandSide {
     pub body: c_int,
     /// Components of its velocity.
     pub size: c_int,
-    /// Row of the Jacobian; `size` numbers, copied.
+    /// Row of the Jacobian; `size` numbers.
     pub jacobian: *const f64,
-    /// Change of velocity by a unit impulse, `M⁻¹ Jᵀ`; `size` numbers, copied.
+    /// Change of velocity by a unit impulse, `M⁻¹ Jᵀ`; `size` numbers.
     pub response: *const f64,
+}
+
+impl Default for AmbIslandSide {
+    /// Nothing that moves.
+    fn default() -> Self {
+        Self { body: -1, size: 0, jacobian: std::ptr::null(), response: std::ptr::null() }
+    }
+}
+
+impl AmbIslandSide {
+    /// # Safety
+    /// There are `size` numbers that live as long as `'a`.
+    unsafe fn read<'a>(&self) -> Option<Side<'a>> {
+        let body = usize::try_from(self.body).ok()?;
+        // SAFETY: by the contract of this function.
+        let (jacobian, response) = unsafe { (elements(self.jacobian, self.size), elements(self.response, self.size)) };
+        // A side without numbers has the wrong size, and the problem is refused.
+        Some(Side { body, jacobian: jacobian.unwrap_or_default(), response: response.unwrap_or_default() })
+    }
+}
+
+/// An island, and the memory of its rows, which the caller fills.
+#[derive(Debug, Default)]
+pub struct AmbIsland {
+    island: Island,
+    rows: Vec<Row>,
+    sides: Vec<[AmbIslandSide; 2]>,
+    numbers: Vec<f64>,
+}
+
+/// Where the caller writes rows; until the next `reserve` or `destroy`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+pub struct AmbIslandSpace {
+    /// Rows.
+    pub rows: *mut Row,
+    /// Two a row.
+    pub sides: *mut [AmbIslandSide; 2],
+    /// Numbers to which sides may point.
+    pub numbers: *mut f64,
 }
 
 /// The bodies of an island after the rigid ones, and those of them that are articulations, which come last.
@@ -76,20 +116,18 @@ pub struct AmbIslandSolution {
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct AmbIslandTable {
-    /// Sizes of [`Row`], [`Problem`], [`Budgets`] and [`AmbIslandSolution`], which are those of the header.
-    pub sizes: [usize; 4],
+    /// Sizes of [`Row`], [`AmbIslandSide`], [`Problem`], [`Budgets`] and [`AmbIslandSolution`], which are those of the header.
+    pub sizes: [usize; 5],
     /// A new island; null after an internal error.
-    pub create: unsafe extern "C" fn() -> *mut Island,
+    pub create: unsafe extern "C" fn() -> *mut AmbIsland,
     /// Frees an island; null is ignored.
-    pub destroy: unsafe extern "C" fn(island: *mut Island),
-    /// See [`Island::clear`].
-    pub clear: unsafe extern "C" fn(island: *mut Island),
-    /// See [`Island::add_row`]; there are two `sides`. Returns the index of the row, -1 after an internal error, for a
-    /// negative size or without numbers.
-    pub add_row: unsafe extern "C" fn(island: *mut Island, row: *const Row, sides: *const AmbIslandSide) -> c_int,
-    /// See [`Island::solve`]; `memory` may be null.
+    pub destroy: unsafe extern "C" fn(island: *mut AmbIsland),
+    /// Makes space for rows and numbers. What was written before is lost. Null after an internal error.
+    pub reserve: unsafe extern "C" fn(island: *mut AmbIsland, rows: usize, numbers: usize) -> AmbIslandSpace,
+    /// See [`Island::solve`], of the first `rows` rows of the space; `memory` may be null.
     pub solve: unsafe extern "C" fn(
-        island: *mut Island,
+        island: *mut AmbIsland,
+        rows: usize,
         problem: *const Problem,
         bodies: *const AmbIslandBodies,
         memory: *mut Memory,
@@ -105,11 +143,16 @@ pub struct AmbIslandTable {
 /// The functions of this crate.
 pub fn table() -> &'static AmbIslandTable {
     static TABLE: AmbIslandTable = AmbIslandTable {
-        sizes: [size_of::<Row>(), size_of::<Problem>(), size_of::<Budgets>(), size_of::<AmbIslandSolution>()],
+        sizes: [
+            size_of::<Row>(),
+            size_of::<AmbIslandSide>(),
+            size_of::<Problem>(),
+            size_of::<Budgets>(),
+            size_of::<AmbIslandSolution>(),
+        ],
         create,
         destroy,
-        clear,
-        add_row,
+        reserve,
         solve,
         begin,
         may_divide,
@@ -130,11 +173,11 @@ unsafe fn elements<'a, T>(pointer: *const T, count: c_int) -> Option<&'a [T]> {
     (!pointer.is_null()).then(|| unsafe { slice::from_raw_parts(pointer, count) })
 }
 
-unsafe extern "C" fn create() -> *mut Island {
-    guarded(std::ptr::null_mut(), || Box::into_raw(Box::new(Island::new())))
+unsafe extern "C" fn create() -> *mut AmbIsland {
+    guarded(std::ptr::null_mut(), || Box::into_raw(Box::<AmbIsland>::default()))
 }
 
-unsafe extern "C" fn destroy(island: *mut Island) {
+unsafe extern "C" fn destroy(island: *mut AmbIsland) {
     if island.is_null() {
         return;
     }
@@ -142,25 +185,17 @@ unsafe extern "C" fn destroy(island: *mut Island) {
     guarded((), || drop(unsafe { Box::from_raw(island) }));
 }
 
-unsafe extern "C" fn clear(island: *mut Island) {
-    // SAFETY: the pointer comes from `create`, and nobody else uses the island meanwhile.
-    guarded((), || unsafe { &mut *island }.clear());
-}
-
-unsafe extern "C" fn add_row(island: *mut Island, row: *const Row, sides: *const AmbIslandSide) -> c_int {
-    guarded(-1, || {
-        // SAFETY: the pointer comes from `create`, and nobody else uses the island meanwhile; row and sides are the
-        // caller's, who keeps them still.
-        let (island, row, given) = unsafe { (&mut *island, &*row, &*sides.cast::<[AmbIslandSide; 2]>()) };
-        let mut sides = [None; 2];
-        for (side, out) in given.iter().zip(&mut sides) {
-            let Ok(body) = usize::try_from(side.body) else { continue };
-            // SAFETY: the caller gives `size` numbers for each side that moves.
-            let numbers = unsafe { (elements(side.jacobian, side.size), elements(side.response, side.size)) };
-            let (Some(jacobian), Some(response)) = numbers else { return -1 };
-            *out = Some(Side { body, jacobian, response });
-        }
-        c_int::try_from(island.add_row(row, sides)).unwrap_or(-1)
+unsafe extern "C" fn reserve(island: *mut AmbIsland, rows: usize, numbers: usize) -> AmbIslandSpace {
+    let none =
+        AmbIslandSpace { rows: std::ptr::null_mut(), sides: std::ptr::null_mut(), numbers: std::ptr::null_mut() };
+    guarded(none, || {
+        // SAFETY: the pointer comes from `create`, and nobody else uses the island meanwhile.
+        let AmbIsland { rows: to, sides, numbers: values, .. } = unsafe { &mut *island };
+        // The space is never made smaller: only what is new is written.
+        to.resize(rows.max(to.len()), Row::default());
+        sides.resize(rows.max(sides.len()), Default::default());
+        values.resize(numbers.max(values.len()), 0.0);
+        AmbIslandSpace { rows: to.as_mut_ptr(), sides: sides.as_mut_ptr(), numbers: values.as_mut_ptr() }
     })
 }
 
@@ -182,7 +217,8 @@ impl Articulations for Trees<'_> {
 }
 
 unsafe extern "C" fn solve(
-    island: *mut Island,
+    island: *mut AmbIsland,
+    rows: usize,
     problem: *const Problem,
     bodies: *const AmbIslandBodies,
     memory: *mut Memory,
@@ -202,7 +238,7 @@ unsafe extern "C" fn solve(
     let solution = guarded(refused, || {
         // SAFETY: the pointer comes from `create`, and nobody else uses the island meanwhile; the others are the caller's,
         // and null where that is allowed.
-        let (island, problem, bodies, memory, budgets) =
+        let (AmbIsland { island, rows: space, sides, .. }, problem, bodies, memory, budgets) =
             unsafe { (&mut *island, &*problem, &*bodies, memory.as_mut(), &mut *budgets) };
         // SAFETY: the caller gives as many sizes and articulations as it says.
         let (sizes, trees) = unsafe {
@@ -211,11 +247,14 @@ unsafe extern "C" fn solve(
                 elements(bodies.trees, bodies.articulations).unwrap_or_default(),
             )
         };
+        let Some(rows) = space.get_mut(..rows) else { return refused };
         if sizes.len() != problem.composites as usize + trees.len() {
             return refused;
         }
+        // SAFETY: the caller gives `size` numbers for each side that moves, and keeps them until this call returns.
+        let sides = |row: usize| [0, 1].map(|k| unsafe { sides[row][k].read() });
         let sizes = sizes.iter().map(|&size| usize::try_from(size).unwrap_or(0));
-        let found = island.solve(problem, sizes, memory, budgets, &mut Trees(trees));
+        let found = island.solve(problem, rows, sides, sizes, Kept { memory, budgets }, &mut Trees(trees));
         let outcome = match found.outcome {
             Outcome::Solved => SOLVED,
             Outcome::Approximate => APPROXIMATE,

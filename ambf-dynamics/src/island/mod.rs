@@ -10,6 +10,7 @@
 //! memory, but nothing that changes a result: what a later sub-step depends on is the caller's ([`Memory`], [`Budgets`]).
 
 mod budget;
+mod build;
 pub mod ffi;
 mod positions;
 mod row;
@@ -23,7 +24,7 @@ pub use budget::{Budgets, Limits};
 pub use row::{Kind, Row};
 pub(crate) use softness::SOFT_SPRING;
 pub(crate) use solve::MAX_CORRECTION_SPEED;
-pub use solve::{Articulations, Counters, Island, Outcome, Problem, Solution};
+pub use solve::{Articulations, Counters, Island, Kept, Outcome, Problem, Solution};
 pub use yielding::Memory;
 
 /// The larger of two numbers; the first one if it is not a number, so that it reaches the solver, which refuses it.

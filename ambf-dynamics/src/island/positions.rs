@@ -5,8 +5,8 @@
 
 use crate::mlcp::{Row as Constraint, State};
 
+use super::build::{Position, PositionKind};
 use super::larger;
-use super::row::{Built, PositionKind};
 use super::softness::POSITION_SOFTNESS;
 
 /// A correction is solved again with [`RAISED_DAMPING`] times the damping, up to [`MOST_ROUNDS`] times, while it is more
@@ -88,21 +88,22 @@ impl PositionRows {
         self.is_urgent = false;
     }
 
-    /// Adds the next row. `arm`: lever arm of the joint, m, 0: not known.
-    pub fn add(&mut self, Built { constraint: row, kind, least_correction }: &Built, is_angular: bool, arm: f64) {
+    /// Adds the next row.
+    pub fn add(&mut self, row: &Constraint<'_>, of: Position) {
         let Constraint { position_target: target, cfm, position_cfm, is_drive, .. } = *row;
+        let Position { kind, is_angular, arm, least_correction } = of;
         let is_low = row.low == 0.0 && target < 0.0;
         let is_high = row.high == 0.0 && target > 0.0;
         let counts = row.in_positions && !is_low && !is_high;
         // The inverse of the CFM in the position problem, as the solution has it.
         let solved = if is_drive { position_cfm } else { larger(cfm, position_cfm) };
-        let is_contact = *kind == PositionKind::Contact;
+        let is_contact = kind == PositionKind::Contact;
         self.rows.push(PositionRow {
             target: if counts { target } else { 0.0 },
             weight: if position_cfm > 0.0 { POSITION_SOFTNESS / solved } else { 0.0 },
             cfm,
             is_angular,
-            is_joint: *kind == PositionKind::Geometric && !is_drive,
+            is_joint: kind == PositionKind::Geometric && !is_drive,
             is_contact,
             arm: if is_contact { CONTACT_ARM } else { arm },
         });
@@ -115,7 +116,7 @@ impl PositionRows {
             let asked = target.abs() / least_correction;
             self.needs_correction |= asked > 1.0;
             // Limits are corrected at once: drives may push against them in every sub-step.
-            self.is_urgent |= asked > URGENT_CORRECTION || (asked > 1.0 && *kind == PositionKind::Limit);
+            self.is_urgent |= asked > URGENT_CORRECTION || (asked > 1.0 && kind == PositionKind::Limit);
         }
     }
 
@@ -180,8 +181,8 @@ mod tests {
     fn of(rows: &[(Constraint<'static>, PositionKind, bool)]) -> PositionRows {
         let mut positions = PositionRows::default();
         for (constraint, kind, is_angular) in rows {
-            let built = Built { constraint: *constraint, kind: *kind, least_correction: 1e-6 };
-            positions.add(&built, *is_angular, 0.5);
+            let (kind, is_angular) = (*kind, *is_angular);
+            positions.add(constraint, Position { kind, is_angular, arm: 0.5, least_correction: 1e-6 });
         }
         positions
     }

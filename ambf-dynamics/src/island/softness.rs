@@ -43,11 +43,12 @@ pub(super) struct JointSoftness {
     longest: f64,
 }
 
-impl JointSoftness {
-    const MOST: f64 = 1e-6;
-    const LOADED: f64 = 2e-6;
-    const GRAVITY: f64 = 9.81;
+/// See [`JointSoftness`].
+const MOST: f64 = 1e-6;
+const LOADED: f64 = 2e-6;
+const GRAVITY: f64 = 9.81;
 
+impl JointSoftness {
     /// Loads and lever arms of an island. `least`: LEAST; `heaviest`: mass of its heaviest rigid body, kg; `h`: sub-step
     /// in s.
     pub fn new(least: f64, heaviest: f64, rows: &[Row], h: f64) -> Self {
@@ -55,7 +56,9 @@ impl JointSoftness {
         for row in rows {
             match row.kind {
                 // A link that the island touches.
-                Kind::Contact if row.is_articulated => row.link_masses.into_iter().for_each(|mass| softness.add_body(mass)),
+                Kind::Contact if row.is_articulated => {
+                    row.link_masses.into_iter().for_each(|mass| softness.add_body(mass))
+                }
                 Kind::Joint => softness.add_joint(row, h),
                 _ => {}
             }
@@ -71,15 +74,15 @@ impl JointSoftness {
         self.longest = larger(self.longest, row.arm);
         if !row.is_geometric && (row.arm > 0.0 || !row.is_angular) {
             let impulse = row.guess.abs() / if row.is_angular { row.arm } else { 1.0 };
-            self.add_body(impulse / (Self::GRAVITY * h));
+            self.add_body(impulse / (GRAVITY * h));
         }
     }
 
     /// `response`: a, 1/kg, or of an angular row 1/(kg·m²); `turn_squared`: θ².
     pub fn cfm(&self, response: f64, is_angular: bool, turn_squared: f64) -> f64 {
         let load = if is_angular { self.heaviest * self.longest * self.longest } else { self.heaviest };
-        let moving = smaller(turn_squared, Self::MOST) * response;
-        larger(self.least * response, if load > 0.0 { smaller(moving, Self::LOADED / load) } else { moving })
+        let moving = smaller(turn_squared, MOST) * response;
+        larger(self.least * response, if load > 0.0 { smaller(moving, LOADED / load) } else { moving })
     }
 }
 
@@ -116,8 +119,8 @@ pub(super) fn softness_of(row: &Row, share: f64) -> f64 {
     share * response
 }
 
-/// Calls `set` with each row of a joint of rigid bodies and its response in the position problem: the mean of the linear,
-/// or of the angular, rows of the joint that are neither limits, motors nor springs; of all others their own.
+/// Sets the response of each row of a joint of rigid bodies in the position problem: the mean of the linear, or of the
+/// angular, rows of the joint that are neither limits, motors nor springs; of all others their own.
 ///
 /// The sum of their squared errors over it then does not depend on the axes along which Bullet resolves an error, and the
 /// compromise between joints that contradict each other is that of the assembly ([`crate::assembly`]).

@@ -2,8 +2,9 @@
 
 use crate::mlcp::{self, Budget, Row as Constraint, Side, Softness, Solver, State};
 
+use super::build::{correction_share, is_at_rest, Builder};
 use super::positions::{is_soft, is_uncorrectable, PositionRows, LONG_CORRECTION, MOST_ROUNDS, RAISED_DAMPING};
-use super::row::{correction_share, is_at_rest, Builder, Kind, Row};
+use super::row::{Kind, Row};
 use super::softness::{average_responses, JointSoftness, LEAST_POSITION_SOFTNESS};
 use super::yielding::Yielding;
 use super::{larger, smaller, Budgets, Limits, Memory};
@@ -81,6 +82,15 @@ pub struct Counters {
     pub depth: f64,
 }
 
+/// What the caller keeps from one sub-step to the next.
+#[derive(Debug)]
+pub struct Kept<'a> {
+    /// Of an island that is known from the last sub-step.
+    pub memory: Option<&'a mut Memory>,
+    /// Of the world.
+    pub budgets: &'a mut Budgets,
+}
+
 /// What became of an island.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Solution {
@@ -109,21 +119,10 @@ impl Articulations for () {
     fn scale_corrections(&mut self, _: f64) {}
 }
 
-/// Where the numbers of a side lie: its Jacobian and then its response.
-#[derive(Debug, Clone, Copy)]
-struct StoredSide {
-    body: usize,
-    start: usize,
-    size: usize,
-}
-
 /// An island of rigid bodies and articulations that rows connect; see the [module](super).
 #[derive(Debug, Default)]
 pub struct Island {
     solver: Solver,
-    rows: Vec<Row>,
-    sides: Vec<[Option<StoredSide>; 2]>,
-    numbers: Vec<f64>,
     /// Guess of each row.
     guesses: Vec<(f64, State)>,
     positions: PositionRows,
@@ -141,59 +140,34 @@ impl Island {
         Self::default()
     }
 
-    /// Removes all rows. Memory is kept.
-    pub fn clear(&mut self) {
-        self.rows.clear();
-        self.sides.clear();
-        self.numbers.clear();
-    }
-
-    /// Adds a row, whose numbers are copied, and returns its index. Rows of one joint follow each other, and rows of friction
-    /// come after those of their contacts.
-    pub fn add_row(&mut self, row: &Row, sides: [Option<Side<'_>>; 2]) -> usize {
-        self.rows.push(*row);
-        let stored = sides.map(|side| {
-            side.map(|Side { body, jacobian, response }| {
-                let (start, size) = (self.numbers.len(), jacobian.len().min(response.len()));
-                self.numbers.extend_from_slice(&jacobian[..size]);
-                self.numbers.extend_from_slice(&response[..size]);
-                StoredSide { body, start, size }
-            })
-        });
-        self.sides.push(stored);
-        self.rows.len() - 1
-    }
-
-    /// Number of rows.
-    pub fn rows(&self) -> usize {
-        self.rows.len()
-    }
-
-    /// Solves both problems. `sizes`: numbers of velocities of the bodies after the rigid ones: first those that consist of
-    /// coupled ones, then articulations. `memory`: of an island that is known from the last sub-step.
+    /// Solves both problems. `rows`: those of one joint follow each other, and those of friction come after their contacts;
+    /// `sides`: of row i. `sizes`: numbers of velocities of the bodies after the rigid ones: first those that consist of coupled
+    /// ones, then articulations.
     ///
     /// Where the outcome is [`Outcome::Refused`] or [`Outcome::Expensive`] there are no results.
-    pub fn solve(
+    pub fn solve<'a>(
         &mut self,
         problem: &Problem,
+        rows: &mut [Row],
+        sides: impl Fn(usize) -> [Option<Side<'a>>; 2],
         sizes: impl Iterator<Item = usize>,
-        memory: Option<&mut Memory>,
-        budgets: &mut Budgets,
+        kept: Kept<'_>,
         articulations: &mut dyn Articulations,
     ) -> Solution {
+        let Kept { memory, budgets } = kept;
         self.sizes.clear();
         self.sizes.extend(sizes);
         let most = [MAX_CORRECTION_SPEED, max_correction_rate(problem)];
-        self.gather(problem, most);
+        self.gather(problem, rows, sides, most);
         let mut solution = Solution { outcome: Outcome::AtRest, correction: 0.0, counters: Counters::default() };
         let counters = &mut solution.counters;
-        counters.depth = self.depth();
-        let [of_rows, of_positions] = budgets.add_island(&problem.limits, self.rows.len());
+        counters.depth = depth(rows);
+        let [of_rows, of_positions] = budgets.add_island(&problem.limits, rows.len());
         if self.is_at_rest {
-            counters.rows = self.rows.len() as u32;
+            counters.rows = rows.len() as u32;
         } else {
             let Some(cost) = self.prepare(problem) else { return Solution { outcome: Outcome::Refused, ..solution } };
-            if cost > problem.most_cost * self.rows.len() as f64 {
+            if cost > problem.most_cost * rows.len() as f64 {
                 return Solution { outcome: Outcome::Expensive, ..solution };
             }
             self.solver.set_kinetic_energy(problem.kinetic_energy);
@@ -211,36 +185,31 @@ impl Island {
     }
 
     /// Makes the rows of both problems.
-    fn gather(&mut self, problem: &Problem, most: [f64; 2]) {
+    fn gather<'a>(
+        &mut self,
+        problem: &Problem,
+        rows: &mut [Row],
+        sides: impl Fn(usize) -> [Option<Side<'a>>; 2],
+        most: [f64; 2],
+    ) {
         self.solver.clear();
         self.positions.clear();
         self.guesses.clear();
         self.has_drives = false;
         self.is_at_rest = true;
-        average_responses(&mut self.rows);
-        let softness = JointSoftness::new(problem.joint_softness, problem.heaviest, &self.rows, problem.time_step);
-        let builder = Builder { problem, softness, share: correction_share(&self.rows, most) };
-        for (row, sides) in self.rows.iter().zip(&self.sides) {
+        average_responses(rows);
+        let softness = JointSoftness::new(problem.joint_softness, problem.heaviest, rows, problem.time_step);
+        let builder = Builder { problem, softness, share: correction_share(rows, most) };
+        for (i, row) in rows.iter().enumerate() {
             let normal = usize::try_from(row.normal).ok().and_then(|normal| self.guesses.get(normal).copied());
-            let built = builder.build(row, normal);
-            let constraint = &built.constraint;
+            let mut constraint = Constraint { sides: sides(i), ..Constraint::default() };
+            let position = builder.build(row, normal, &mut constraint);
             self.guesses.push((constraint.x, constraint.state));
-            self.is_at_rest = self.is_at_rest && is_at_rest(constraint);
+            self.is_at_rest = self.is_at_rest && is_at_rest(&constraint);
             self.has_drives |= constraint.yielding_cfm > 0.0;
-            self.positions.add(&built, row.is_angular, row.arm);
-            let sides = sides.map(|side| {
-                side.map(|StoredSide { body, start, size }| {
-                    let (jacobian, response) = self.numbers[start..start + 2 * size].split_at(size);
-                    Side { body, jacobian, response }
-                })
-            });
-            self.solver.add_row(&Constraint { sides, ..built.constraint });
+            self.positions.add(&constraint, position);
+            self.solver.add_row(&constraint);
         }
-    }
-
-    fn depth(&self) -> f64 {
-        let contacts = self.rows.iter().filter(|row| row.kind == Kind::Contact);
-        contacts.fold(0.0, |deepest, contact| larger(deepest, -contact.gap))
     }
 
     /// Multiplications of a factorisation; `None`: the problem is wrong.
@@ -387,4 +356,10 @@ impl Island {
 /// Largest angular velocity of a correction, rad/s. Fast motion opens joints fast.
 fn max_correction_rate(problem: &Problem) -> f64 {
     smaller(larger(MAX_CORRECTION_RATE, problem.turn_rate), MAX_CORRECTION_TURN / problem.time_step)
+}
+
+/// Largest penetration depth of a contact, m.
+fn depth(rows: &[Row]) -> f64 {
+    let contacts = rows.iter().filter(|row| row.kind == Kind::Contact);
+    contacts.fold(0.0, |deepest, contact| larger(deepest, -contact.gap))
 }

@@ -27,6 +27,8 @@ pub(super) fn problem() -> Problem {
 /// An island, and what it remembers.
 struct Case {
     island: Island,
+    rows: Vec<Row>,
+    sides: Vec<(usize, Vec<f64>)>,
     problem: Problem,
     memory: Memory,
     budgets: Budgets,
@@ -36,7 +38,14 @@ impl Case {
     fn new() -> Self {
         let mut budgets = Budgets::default();
         budgets.begin(&LIMITS, false);
-        Self { island: Island::new(), problem: problem(), memory: Memory::default(), budgets }
+        Self {
+            island: Island::new(),
+            rows: vec![],
+            sides: vec![],
+            problem: problem(),
+            memory: Memory::default(),
+            budgets,
+        }
     }
 
     /// Adds a row on a body of 1 kg.
@@ -45,7 +54,13 @@ impl Case {
     }
 
     fn add_to(&mut self, row: Row, body: usize, jacobian: &[f64]) {
-        self.island.add_row(&row, [None, Some(Side { body, jacobian, response: jacobian })]);
+        self.rows.push(row);
+        self.sides.push((body, jacobian.to_vec()));
+    }
+
+    fn clear(&mut self) {
+        self.rows.clear();
+        self.sides.clear();
     }
 
     fn solve(&mut self) -> Solution {
@@ -53,9 +68,15 @@ impl Case {
     }
 
     fn solve_with(&mut self, sizes: &[usize], articulations: &mut dyn Articulations) -> Solution {
+        let kept = Kept { memory: Some(&mut self.memory), budgets: &mut self.budgets };
+        let sides = |row: usize| side(&self.sides[row]);
         let sizes = sizes.iter().copied();
-        self.island.solve(&self.problem, sizes, Some(&mut self.memory), &mut self.budgets, articulations)
+        self.island.solve(&self.problem, &mut self.rows, sides, sizes, kept, articulations)
     }
+}
+
+fn side((body, jacobian): &(usize, Vec<f64>)) -> [Option<Side<'_>>; 2] {
+    [None, Some(Side { body: *body, jacobian, response: jacobian })]
 }
 
 fn joint(target: f64, correction: f64) -> Row {
@@ -114,7 +135,7 @@ fn bodies_at_rest_and_contacts_that_open_are_not_solved() {
     let solution = case.solve();
     assert_eq!((solution.outcome, solution.counters.multiplications), (Outcome::AtRest, 0.0));
     // Their positions are corrected all the same.
-    case.island.clear();
+    case.clear();
     case.add(joint(0.0, 0.5));
     let solution = case.solve();
     assert_eq!((solution.outcome, solution.correction), (Outcome::AtRest, 1.0));
@@ -141,7 +162,7 @@ fn islands_that_are_expensive_or_wrong_are_left() {
     case.problem.most_cost = f64::INFINITY;
     case.add(contact(f64::NAN, 0.0));
     assert_eq!(case.solve().outcome, Outcome::Refused);
-    case.island.clear();
+    case.clear();
     case.add_to(contact(1.0, 0.0), 1, &UP);
     assert_eq!(case.solve().outcome, Outcome::Refused, "there is one body");
 }
@@ -157,7 +178,7 @@ fn corrections_have_one_factor() {
     let speeds = [2, 8].map(|k| case.island.corrections()[k] * solution.correction);
     assert!((speeds[0] - 10.0).abs() < 1e-3 && (speeds[1] - 2.0).abs() < 1e-3, "{speeds:?}");
     // A limit is not part of the share: what moves too far is scaled afterwards.
-    case.island.clear();
+    case.clear();
     case.add_to(Row { is_limit: true, low: 0.0, ..joint(0.0, 20.0) }, 0, &UP);
     case.add_to(joint(0.0, 4.0), 1, &UP);
     let solution = case.solve();
@@ -169,7 +190,7 @@ fn angular_corrections_turn_by_a_twentieth_of_a_radian_at_most() {
     let mut case = Case::new();
     let about = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
     let correct = |case: &mut Case| {
-        case.island.clear();
+        case.clear();
         case.add_to(Row { is_limit: true, is_angular: true, low: 0.0, ..joint(0.0, 100.0) }, 0, &about);
         case.solve().correction
     };
@@ -233,7 +254,7 @@ fn a_motor_yields_to_a_joint_that_it_opens() {
     assert!(solution.counters.rows > 2, "it was solved more than once");
     let first = case.budgets.shared;
     // The next sub-step begins there.
-    case.island.clear();
+    case.clear();
     case.add(joint(0.0, 0.0));
     case.add(motor(100.0, 1e8));
     let solution = case.solve();
@@ -247,7 +268,10 @@ fn without_memory_drives_do_not_yield() {
     let mut case = Case::new();
     case.add(joint(0.0, 0.0));
     case.add(motor(100.0, 1e8));
-    let solution = case.island.solve(&case.problem, std::iter::empty(), None, &mut case.budgets, &mut ());
+    let sides = |row: usize| side(&case.sides[row]);
+    let none = std::iter::empty();
+    let kept = Kept { memory: None, budgets: &mut case.budgets };
+    let solution = case.island.solve(&case.problem, &mut case.rows, sides, none, kept, &mut ());
     assert_eq!(solution.counters.rows, 2);
     assert!(case.island.velocities()[2] > 0.09);
 }
@@ -284,35 +308,43 @@ fn the_table_of_functions_solves_like_the_island() {
     ];
     let none = AmbIslandBodies { sizes: std::ptr::null(), count: 0, articulations: 0, trees: std::ptr::null() };
     let mut budgets = Budgets::default();
-    // SAFETY: the island is used by this thread only, pointers are read before it is freed, and each side that moves has
-    // six numbers.
+    // SAFETY: the island is used by this thread only, pointers are read before it is freed, no more rows are written than there
+    // is space for, and each side that moves has six numbers.
     unsafe {
         (table.begin)(&mut budgets, &LIMITS, false);
         let island = (table.create)();
-        let solve = |problem: &Problem, budgets: &mut Budgets| {
+        let write = |rows: &[Row], sides| {
+            let space = (table.reserve)(island, rows.len(), 0);
+            for (i, row) in rows.iter().enumerate() {
+                space.rows.add(i).write(*row);
+                space.sides.add(i).write(sides);
+            }
+        };
+        let solve = |rows: usize, problem: &Problem, budgets: &mut Budgets| {
             let mut out = std::mem::MaybeUninit::uninit();
-            (table.solve)(island, problem, &none, std::ptr::null_mut(), budgets, out.as_mut_ptr());
+            (table.solve)(island, rows, problem, &none, std::ptr::null_mut(), budgets, out.as_mut_ptr());
             out.assume_init()
         };
-        assert_eq!((table.add_row)(island, &contact(0.25, -1e-3), sides.as_ptr()), 0);
-        let row = Row { correction: 0.5, ..contact(0.25, -1e-3) };
-        assert_eq!((table.add_row)(island, &row, sides.as_ptr()), 1);
-        let solution = solve(&problem(), &mut budgets);
+        let row = contact(0.25, -1e-3);
+        write(&[row, Row { correction: 0.5, ..row }], sides);
+        let solution = solve(2, &problem(), &mut budgets);
         assert_eq!((solution.outcome, *solution.states), (ffi::SOLVED, 0));
         assert!((*solution.impulses + *solution.impulses.add(1) - 0.25).abs() < 1e-6);
         assert!((*solution.velocities.add(2) - 0.25).abs() < 1e-6);
         assert!((*solution.corrections.add(2) * solution.correction - 0.5).abs() < 1e-3);
         assert!((table.may_divide)(&budgets));
-        let wrong = solve(&Problem { composites: 1, ..problem() }, &mut budgets);
+        let wrong = solve(2, &Problem { composites: 1, ..problem() }, &mut budgets);
         assert_eq!((wrong.outcome, wrong.impulses), (ffi::REFUSED, null), "a size is missing");
-        let expensive = solve(&Problem { most_cost: 1e-3, ..problem() }, &mut budgets);
+        assert_eq!(solve(100, &problem(), &mut budgets).outcome, ffi::REFUSED, "there is no space for them");
+        let expensive = solve(2, &Problem { most_cost: 1e-3, ..problem() }, &mut budgets);
         assert_eq!((expensive.outcome, expensive.velocities), (ffi::EXPENSIVE, null));
-        (table.clear)(island);
-        let negative = [AmbIslandSide { size: -1, ..sides[1] }, sides[0]];
-        assert_eq!((table.add_row)(island, &row, negative.as_ptr()), -1);
-        assert_eq!((table.add_row)(island, &contact(-1.0, 1.0), sides.as_ptr()), 0);
-        let resting = solve(&problem(), &mut budgets);
+        write(&[contact(-1.0, 1.0)], sides);
+        let resting = solve(1, &problem(), &mut budgets);
         assert_eq!((resting.outcome, resting.states, resting.corrections), (ffi::AT_REST, null.cast(), null));
+        for missing in [AmbIslandSide { size: -1, ..sides[1] }, AmbIslandSide { jacobian: null, ..sides[1] }] {
+            write(&[row], [sides[0], missing]);
+            assert_eq!(solve(1, &problem(), &mut budgets).outcome, ffi::REFUSED);
+        }
         (table.destroy)(island);
         (table.destroy)(std::ptr::null_mut());
     }

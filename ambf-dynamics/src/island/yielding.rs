@@ -10,10 +10,10 @@
 use super::{larger, smaller};
 
 /// CFM of drives that yield by 1, as a share of their response.
-pub(super) const SOFTNESS: f64 = 1e-7;
+pub(super) const YIELDING_SOFTNESS: f64 = 1e-7;
 /// Opening of joints that is allowed in a sub-step, as a share of their lever arms, or rad.
 const MOST_OPENED: f64 = 1e-5;
-/// The yielding is a multiple of [`SOFTNESS`], or 0: its least change where it is raised, its change where it is lowered,
+/// The yielding is a multiple of [`YIELDING_SOFTNESS`], or 0: its least change where it is raised, its change where it is lowered,
 /// and its largest value.
 const LEAST_RAISED: f64 = 2.0;
 const LOWERED: f64 = 1.0 / 1.2;
