@@ -63,9 +63,9 @@ double amb_world_jointed_turn_rate(AmbWorld *world);
 int amb_world_continue_sub_step(AmbWorld *world);
 /* Counts a sub-step that is divided. */
 void amb_world_count_division(AmbWorld *world);
-/* Sets the functions of the solver of mixed linear complementarity problems (AmbMlcpTable of ambf_mlcp.h). To be called
-   once, before the first world is made. */
-void amb_set_mlcp(const void *table);
+/* Sets the functions that solve islands (AmbIslandTable of ambf_island.h). To be called once, before the first world is
+   made. */
+void amb_set_islands(const void *table);
 /* Sets the functions of trees (TreeTable of articulation_tree.h), likewise. */
 void amb_set_trees(const void *table);
 

@@ -2,6 +2,7 @@
 #ifndef AMB_ACCURATE_CONTEXT_H
 #define AMB_ACCURATE_CONTEXT_H
 
+#include "../include/ambf_island.h"
 #include "internal.h"
 
 extern "C" {
@@ -14,9 +15,7 @@ struct AccurateContext : AmbAccurateSettings {
   // Free bodies are integrated exactly under constant force, not by Bullet's semi-implicit Euler method.
   bool exact_flight = false;
   mutable AmbSolverStatistics statistics{};
-  // Parts and multiplications of the sub-step so far, and the largest budget of a part.
-  mutable int parts = 0;
-  mutable double work = 0, budget = 0;
+  mutable AmbBudgets budgets{};
   // Whether a part of a sub-step follows that is not its first one.
   bool is_continued = false;
   // See amb_world_jointed_turn_rate.

@@ -1,10 +1,5 @@
-// The constraint solver of the profile `accurate`: Bullet sets up the rows of an island, and the solver of mixed linear
-// complementarity problems (ambf_mlcp.h) solves them. C++ only.
-//
-// Velocities and positions are solved separately. The velocity problem has no position correction (no Baumgarte term),
-// only a bias for the curvature of the motion. Its solution projects the velocities onto a convex set that contains 0,
-// which cannot add kinetic energy (motors and restitution aside). Position errors are corrected by a second problem
-// over the same rows. Its pseudo-velocities move the bodies in this sub-step and are then discarded (split impulse).
+// The constraint solver of the profile `accurate`: Bullet sets up the rows of an island, which are read here, solved in
+// Rust (ambf_island.h, src/island), and written back. C++ only.
 #ifndef AMB_ACCURATE_SOLVER_H
 #define AMB_ACCURATE_SOLVER_H
 
@@ -15,19 +10,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <type_traits>
 
 #include "accurate_context.h"
 #include "approach.h"
 #include "contact_cache.h"
-#include "correction_damping.h"
 #include "coupled_rows.h"
-#include "drive_yielding.h"
 #include "joint_arms.h"
-#include "joint_softness.h"
 #include "position_error.h"
-#include "position_rows.h"
 #include "spin_energy.h"
 #include "articulation_solver.h"
 
@@ -37,8 +29,8 @@ class AccurateSolver : public Base {
   static constexpr bool HAS_ARTICULATIONS = std::is_base_of_v<ArticulationSolver, Base>;
 
  public:
-  explicit AccurateSolver(const AccurateContext &settings) : settings_(settings), mlcp_(mlcp_table->create()) {}
-  ~AccurateSolver() override { mlcp_table->destroy(mlcp_); }
+  explicit AccurateSolver(const AccurateContext &settings) : settings_(settings), island_(island_table->create()) {}
+  ~AccurateSolver() override { island_table->destroy(island_); }
 
   // Discards all warm-starting data.
   void reset() override {
@@ -46,7 +38,7 @@ class AccurateSolver : public Base {
     ++resets_;
     sub_step_ = 0;
     direct_backoff_ = 0;
-    shared_budget_ = 0;
+    settings_.budgets.shared = 0;
     contacts_.clear();
   }
 
@@ -54,13 +46,8 @@ class AccurateSolver : public Base {
   void prepareSolve(int bodies, int manifolds) override {
     Base::prepareSolve(bodies, manifolds);
     ++sub_step_;
-    if (!settings_.is_continued) {
-      shared_budget_ = std::min(shared_budget_, settings_.max_saved_budget) + settings_.base_budget;
-      settings_.parts = 0;
-      settings_.work = settings_.budget = 0;
-    }
-    ++settings_.parts;
-    part_budget_ = settings_.base_budget;
+    const AmbBudgetLimits limits = this->limits();
+    island_table->begin(&settings_.budgets, &limits, settings_.is_continued);
     contacts_.begin();
   }
 
@@ -80,7 +67,7 @@ class AccurateSolver : public Base {
   void convertJoints(btTypedConstraint **constraints, int n, const btContactSolverInfo &info) override {
     Base::convertJoints(constraints, n, info);
     btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
-    joint_errors_.assign(rows.size(), {});
+    joint_rows_.assign(rows.size(), {});
     joints_.clear();
     int next = 0;
     for (int i = 0; i < n; ++i) {
@@ -88,7 +75,7 @@ class AccurateSolver : public Base {
       load_guesses(*constraints[i], next, count);
       separate_errors(*constraints[i], next, count, info);
       find_responses(next, count, info.m_timeStep);
-      average_responses(next, count);
+      for (int k = next; k < next + count; ++k) joint_rows_[k].joint = i;
       next += count;
     }
     // Position errors are corrected by the position problem.
@@ -137,13 +124,8 @@ class AccurateSolver : public Base {
     const bool is_small =
         is_ill_conditioned() || this->m_tmpSolverContactConstraintPool.size() <= settings_.max_direct_contacts;
     if (settings_.direct && join_coupled_bodies() && (is_small || direct_backoff_-- <= 0)) {
-      gather(info);
-      if (row_count_ == 0) return 0;
-      if (solve(info, is_small)) {
-        store_contacts();
-        if (!is_at_rest_) store_contact_states();
-        return 0;
-      }
+      const bool is_gathered = gather(info);
+      if (is_gathered && (row_count_ == 0 || solve(info, is_small))) return 0;
       if (!is_small) direct_backoff_ = 15;
     }
     ++settings_.statistics.islands_iterated;
@@ -154,32 +136,8 @@ class AccurateSolver : public Base {
   }
 
  private:
-  // Position correction, velocity bias and warm start of a joint row.
-  struct JointError {
-    // Pseudo-velocity that removes the position error in this sub-step, m/s or rad/s; that of a limit is clamped.
-    btScalar correction = 0;
-    // Velocity bias: target of J v after the solution, from restitution at a limit or the curvature of the motion, m/s
-    // or rad/s.
-    btScalar bias = 0;
-    // Whether the row constrains a position; false: a motor or spring.
-    bool is_geometric = false;
-    bool is_limit = false;
-    // Whether it is a limit that is not reached.
-    bool is_open = false;
-    // See `find_responses` and `average_responses`.
-    btScalar response = 0, position_response = 0;
-    // Longest lever arm of the joint, m.
-    btScalar arm = 0;
-    // Square of the angle by which the bodies turn relative to each other in the sub-step.
-    btScalar turn_squared = 0;
-    // Whether the row is a spring, which resists position corrections.
-    bool is_spring = false;
-    // Impulse in the last sub-step, N s or N m s, and whether it is known.
-    btScalar guess = 0;
-    bool is_known = false;
-  };
-
-  using RowKind = PositionRows::Kind;
+  // What a row of a joint is, for `separate_errors`.
+  enum class RowKind { Geometric, Limit, Other };
 
   btSolverBody &body(int id) { return this->m_tmpSolverBodyPool[id]; }
 
@@ -224,7 +182,7 @@ class AccurateSolver : public Base {
           is_angular ? motion.angular_target(row.m_relpos1CrossNormal) : motion.linear_target(row.m_contactNormal2);
       if (kind == RowKind::Other) {
         if (has_pivots && !is_angular) row.m_rhs += curved * row.m_jacDiagABInv;
-        joint_errors_[k].is_spring = is_soft_row(k) && row.m_jacDiagABInv > 0 &&
+        joint_rows_[k].is_spring = is_soft_row(k) && row.m_jacDiagABInv > 0 &&
                                      constraint.getConstraintType() == D6_SPRING_2_CONSTRAINT_TYPE;
         continue;
       }
@@ -244,7 +202,7 @@ class AccurateSolver : public Base {
       }
       // In worlds with this solver joints have the ERP of the world.
       if (!is_limit) note_error(target * h / info.m_erp, is_angular);
-      JointError &error = joint_errors_[k];
+      AmbIslandRow &error = joint_rows_[k];
       const btScalar most = is_angular ? MAX_RETURN_RATE : MAX_RETURN_SPEED;
       error.correction = is_open ? kept : is_limit ? std::max(-most, std::min(most, target - kept)) : target;
       error.is_limit = is_limit;
@@ -287,32 +245,10 @@ class AccurateSolver : public Base {
         response += linear.length2() * inverse_mass + (turned * least > most ? most / least : turned);
       }
       const btScalar diagonal = 1 / row.m_jacDiagABInv;
-      joint_errors_[k].response = std::clamp(response, LEAST_SHARE * diagonal, diagonal);
-      joint_errors_[k].turn_squared = turn_squared;
+      joint_rows_[k].response = std::clamp(response, LEAST_SHARE * diagonal, diagonal);
+      joint_rows_[k].turn_squared = turn_squared;
       const bool moves[2] = {dynamic_body(row.m_solverBodyIdA) >= 0, dynamic_body(row.m_solverBodyIdB) >= 0};
-      joint_errors_[k].arm = btSqrt(std::max(moves[0] ? arm_squared[0] : 0, moves[1] ? arm_squared[1] : 0));
-    }
-  }
-
-  // Sets the response of each row in the position problem: the mean of the linear, or of the angular, rows of the joint
-  // that are neither limits, motors nor springs. The sum of their squared errors over it then does not depend on the axes
-  // along which Bullet resolves an error, and the compromise between joints that contradict each other is that of the
-  // assembly (`src/assembly`).
-  void average_responses(int first, int count) {
-    const btConstraintArray &rows = this->m_tmpSolverNonContactConstraintPool;
-    const auto is_averaged = [&](int k) { return joint_errors_[k].is_geometric && !joint_errors_[k].is_limit; };
-    btScalar sums[2] = {0, 0};
-    int counts[2] = {0, 0};
-    for (int k = first; k < first + count; ++k) {
-      if (!is_averaged(k)) continue;
-      const int is_angular = rows[k].m_contactNormal1.isZero();
-      sums[is_angular] += joint_errors_[k].response;
-      ++counts[is_angular];
-    }
-    for (int k = first; k < first + count; ++k) {
-      const int is_angular = rows[k].m_contactNormal1.isZero();
-      joint_errors_[k].position_response =
-          is_averaged(k) ? sums[is_angular] / counts[is_angular] : joint_errors_[k].response;
+      joint_rows_[k].arm = btSqrt(std::max(moves[0] ? arm_squared[0] : 0, moves[1] ? arm_squared[1] : 0));
     }
   }
 
@@ -329,8 +265,8 @@ class AccurateSolver : public Base {
     joints_.push_back({memory, first, count});
     if (memory->guesses != count || memory->guessed_after != resets_) return;
     for (int k = 0; k < count; ++k) {
-      joint_errors_[first + k].guess = memory->guess[k];
-      joint_errors_[first + k].is_known = true;
+      joint_rows_[first + k].guess = memory->guess[k];
+      joint_rows_[first + k].is_known = true;
     }
   }
 
@@ -352,9 +288,12 @@ class AccurateSolver : public Base {
     }
   }
 
-  void store_contact_states() {
-    const unsigned char *states = mlcp_table->states(mlcp_);
-    for (const Normal &normal : normals_) normal.contact->is_closed = states[normal.row] == AMB_MLCP_FREE;
+  void store_contact_states(const unsigned char *states) {
+    const auto store = [&](const auto &rows, int first) {
+      for (int i = 0; i < rows.size(); ++i) contacts_.of(rows[i]).is_closed = states[first + i] == AMB_STATE_FREE;
+    };
+    store(this->m_tmpSolverContactConstraintPool, this->m_tmpSolverNonContactConstraintPool.size());
+    if constexpr (HAS_ARTICULATIONS) store(this->m_multiBodyNormalContactConstraints, first_link_contact_);
   }
 
   // Bullet omits the change of velocity by external torques in friction rows. The velocities J v of different rows
@@ -555,69 +494,38 @@ class AccurateSolver : public Base {
     return most > settings_.mass_ratio_threshold * least;
   }
 
-  // Loads and lever arms of the island's joints of rigid bodies.
-  JointSoftness joint_softness(btScalar h) const {
-    JointSoftness softness(settings_.joint_softness);
-    const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
-    if (joints.size() == 0) return softness;
-    for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
-      const btRigidBody *b = this->m_tmpSolverBodyPool[i].m_originalBody;
-      if (b && b->getInvMass() > 0) softness.add_body(1 / b->getInvMass());
-    }
+  // Number of rows of the island.
+  size_t count_rows() const {
+    size_t rows = this->m_tmpSolverNonContactConstraintPool.size() + this->m_tmpSolverContactConstraintPool.size() +
+                  this->m_tmpSolverContactFrictionConstraintPool.size() +
+                  this->m_tmpSolverContactRollingFrictionConstraintPool.size() + this->coupled_rows_.size();
     if constexpr (HAS_ARTICULATIONS) {
-      const btMultiBodyConstraintArray &contacts = this->m_multiBodyNormalContactConstraints;
-      for (int i = 0; i < contacts.size(); ++i) {
-        softness.add_body(mass_of(contacts[i].m_multiBodyA, contacts[i].m_linkA));
-        softness.add_body(mass_of(contacts[i].m_multiBodyB, contacts[i].m_linkB));
-      }
+      rows += this->m_multiBodyNonContactConstraints.size() + this->m_multiBodyNormalContactConstraints.size() +
+              this->m_multiBodyFrictionContactConstraints.size() +
+              this->m_multiBodyTorsionalFrictionContactConstraints.size() +
+              this->m_multiBodySpinningFrictionContactConstraints.size();
     }
-    for (int i = 0; i < joints.size(); ++i) {
-      const JointError &joint = joint_errors_[i];
-      softness.add_arm(joint.arm);
-      if (joint.is_geometric) continue;
-      const bool is_angular = joints[i].m_contactNormal1.isZero();
-      if (joint.arm > 0 || !is_angular) softness.add_drive(btFabs(joint.guess) / (is_angular ? joint.arm : 1), h);
-    }
-    return softness;
+    return rows;
   }
 
-  // Adds all rows of the island to the MLCP solver.
-  void gather(const btContactSolverInfo &info) {
-    mlcp_table->clear(mlcp_);
+  // Writes all rows of the island. Returns whether there is memory for them.
+  bool gather(const btContactSolverInfo &info) {
+    const size_t rows = count_rows();
+    side_size_ = 6;
+    for (const int size : composite_sizes_) side_size_ = std::max(side_size_, size);
+    space_ = island_table->reserve(island_, rows, 4 * side_size_ * rows);
+    if (!space_.rows) return false;
     row_count_ = 0;
     articulations_.clear();
     articulation_sizes_.clear();
     articulation_rows_.clear();
-    normals_.clear();
-    has_drives_ = false;
-    is_at_rest_ = true;
-    positions_.clear();
-    find_correction_share(info);
+    trees_.clear();
     const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
-    const JointSoftness softness = joint_softness(info.m_timeStep);
     for (int i = 0; i < joints.size(); ++i) {
-      AmbMlcpRow row = row_of(joints[i]);
-      const bool is_angular = joints[i].m_contactNormal1.isZero();
-      row.cfm = std::max(row.cfm, softness.cfm(joint_errors_[i].response, is_angular, joint_errors_[i].turn_squared));
-      row.in_positions = joint_errors_[i].is_geometric || joint_errors_[i].is_spring;
-      row.is_drive = !joint_errors_[i].is_geometric;
-      if (row.is_drive) row.yielding_cfm = DriveYielding::SOFTNESS * joint_errors_[i].response;
-      row.bias = joint_errors_[i].bias;
-      row.position_target = joint_errors_[i].correction * share_of(joint_errors_[i].is_limit);
-      // If this guess is not the solution, pivoting starts with free rows: a drive that alternates between its bounds
-      // would otherwise take many pivots in each sub-step.
-      row.x = joint_errors_[i].guess;
-      const bool is_limit = joint_errors_[i].is_limit;
-      if (joint_errors_[i].is_open && row.x == 0) row.state = guess_of(row);
-      if (is_limit && joint_errors_[i].is_known && row.x == 0) row.state = row.low == 0 ? AMB_MLCP_LOW : AMB_MLCP_HIGH;
-      row.position_cfm =
-          is_limit ? softness_of(joints[i], YIELDING_POSITION_SOFTNESS)
-                   : POSITION_SOFTNESS * joint_errors_[i].position_response;
-      if (row.is_drive) row.position_cfm = spring_position_softness(row.cfm, joint_errors_[i].response);
-      row.stays_loaded = row.low == 0 || row.high == 0;
-      add(row, is_limit ? RowKind::Limit : RowKind::Geometric, is_angular, MIN_CORRECTION, joint_errors_[i].arm);
+      AmbIslandRow &row = add(AMB_ROW_JOINT, joint_rows_[i]);
+      read(row, joints[i]);
+      row.is_angular = joints[i].m_contactNormal1.isZero();
     }
-    // Contact softness regularises redundant contacts.
     add_contacts(this->m_tmpSolverContactConstraintPool, info);
     const btConstraintArray &frictions = this->m_tmpSolverContactFrictionConstraintPool;
     const btConstraintArray &rolling = this->m_tmpSolverContactRollingFrictionConstraintPool;
@@ -630,10 +538,11 @@ class AccurateSolver : public Base {
       add_friction(rolling[i], joints.size(), torque.dot(rolling[i].m_relpos1CrossNormal), rolling[i].m_friction, 1);
     }
     if constexpr (HAS_ARTICULATIONS) gather_articulation_rows(info);
-    for (const auto &coupled : this->coupled_rows_) add_coupled_row(coupled, softness, info);
+    for (const auto &coupled : this->coupled_rows_) add_coupled_row(coupled, info);
+    return true;
   }
 
-  // The bodies on which a coupling acts are one in the MLCP problem, whose rows have two sides. Returns whether none has too
+  // The bodies on which a coupling acts are one in the island, whose rows have two sides. Returns whether none has too
   // many of them.
   bool join_coupled_bodies() {
     composites_.clear();
@@ -670,34 +579,24 @@ class AccurateSolver : public Base {
   }
 
   template <class Coupled>
-  void add_coupled_row(const Coupled &coupled, const JointSoftness &softness, const btContactSolverInfo &info) {
-    AmbMlcpRow row{};
-    row.body[0] = row.body[1] = -1;
-    row.normal = -1;
+  void add_coupled_row(const Coupled &coupled, const btContactSolverInfo &info) {
+    AmbIslandRow &row = add(AMB_ROW_COUPLING);
     row.low = -BT_LARGE_FLOAT;
     row.high = BT_LARGE_FLOAT;
-    if (!(coupled.response > 0)) return add(row, RowKind::Geometric, false, MIN_CORRECTION);
+    // Pseudo-velocity that removes its position error, m/s or rad/s.
+    row.correction = -info.m_erp * coupled.error / info.m_timeStep;
+    row.is_angular = coupled.coupling->is_angle(0);
+    if (!(coupled.response > 0)) return;
     for (size_t i = coupled.first; i < coupled.first + coupled.count; ++i) {
       const auto &part = this->coupled_parts_[i];
-      fill(row, i == coupled.first ? 0 : 1, part.body, part.linear, part.angular, part.by_linear, part.by_angular);
+      fill(i == coupled.first ? 0 : 1, part.body, part.linear, part.angular, part.by_linear, part.by_angular);
     }
-    const bool is_angular = coupled.coupling->is_angle(0);
+    row.response = coupled.response;
     row.target = coupled.target - coupled.velocity;
-    row.cfm = softness.cfm(coupled.response, is_angular, 0);
-    row.in_positions = 1;
-    row.position_target = correction_of(coupled, info) * correction_share_;
-    row.position_cfm = POSITION_SOFTNESS * coupled.response;
-    row.x = coupled.coupling->is_known ? coupled.coupling->guess : 0;
-    add(row, RowKind::Geometric, is_angular, MIN_CORRECTION);
+    row.guess = coupled.coupling->is_known ? coupled.coupling->guess : 0;
   }
 
-  // Pseudo-velocity that removes the position error of a coupling, m/s or rad/s.
-  template <class Coupled>
-  static btScalar correction_of(const Coupled &coupled, const btContactSolverInfo &info) {
-    return -info.m_erp * coupled.error / info.m_timeStep;
-  }
-
-  // Where the velocity of a rigid body stands among the results of the MLCP solver.
+  // Where the velocity of a rigid body stands among the results.
   int place_of(int id) const {
     if (composites_.empty() || composites_[id].index < 0) return 6 * id;
     int place = 6 * this->m_tmpSolverBodyPool.size() + composites_[id].offset;
@@ -714,125 +613,75 @@ class AccurateSolver : public Base {
   void gather_articulation_rows(const btContactSolverInfo &info) {
     btMultiBodyConstraintArray &joints = this->m_multiBodyNonContactConstraints;
     for (int i = 0; i < joints.size(); ++i) {
-      AmbMlcpRow row = row_of(joints[i]);
+      AmbIslandRow &row = add(AMB_ROW_ARTICULATED_JOINT);
+      read(row, joints[i]);
       // Rows of the articulation's own joints have their CFM from JointRows.
       const auto &owner = *static_cast<const EngineRows *>(joints[i].m_orgConstraint);
-      row.is_drive = !owner.is_geometric(joints[i].m_orgDofIndex);
-      if (row.is_drive) row.yielding_cfm = softness_of(joints[i], DriveYielding::SOFTNESS);
-      row.fed = owner.fed(joints[i].m_orgDofIndex);
-      row.bias = row.is_drive ? 0 : owner.bias(joints[i].m_orgDofIndex);
-      row.in_positions = joints[i].m_jacDiagABInv > 0 && (!row.is_drive || owner.is_spring(joints[i].m_orgDofIndex));
-      note_error(owner.error(joints[i].m_orgDofIndex), owner.is_angular(joints[i].m_orgDofIndex));
-      const bool is_limit = row.low == 0 || row.high == 0;
-      const double share = share_of(is_limit);
-      row.position_target =
-          row.in_positions && !row.is_drive ? share * joints[i].m_rhsPenetration / joints[i].m_jacDiagABInv : 0;
-      row.x = owner.guess(joints[i].m_orgDofIndex);
-      if (row.x == 0) row.state = guess_of(row);
-      row.position_cfm = softness_of(joints[i], is_limit ? YIELDING_POSITION_SOFTNESS : POSITION_SOFTNESS);
-      if (row.is_drive) row.position_cfm = spring_position_softness(row.cfm, softness_of(joints[i], 1));
-      row.stays_loaded = is_limit;
-      add(row, is_limit ? RowKind::Limit : RowKind::Geometric, owner.is_angular(joints[i].m_orgDofIndex),
-          MIN_CORRECTION);
+      const int index = joints[i].m_orgDofIndex;
+      row.is_angular = owner.is_angular(index);
+      row.is_geometric = owner.is_geometric(index);
+      row.is_spring = owner.is_spring(index);
+      row.fed = owner.fed(index);
+      row.bias = row.is_geometric ? owner.bias(index) : 0;
+      row.guess = owner.guess(index);
+      note_error(owner.error(index), row.is_angular);
     }
-    const int first_contact = row_count_;
+    first_link_contact_ = row_count_;
     add_contacts(this->m_multiBodyNormalContactConstraints, info);
     btMultiBodyConstraintArray &frictions = this->m_multiBodyFrictionContactConstraints;
     for (int i = 0; i < frictions.size(); ++i) {
       const ContactCache::Contact &memory =
           contacts_.of(this->m_multiBodyNormalContactConstraints[frictions[i].m_frictionIndex]);
-      add_friction(frictions[i], first_contact, memory.friction.dot(frictions[i].m_contactNormal1), BT_LARGE_FLOAT, 1);
+      add_friction(frictions[i], first_link_contact_, memory.friction.dot(frictions[i].m_contactNormal1), BT_LARGE_FLOAT,
+                   1);
     }
     for (btMultiBodyConstraintArray *rows : {&this->m_multiBodyTorsionalFrictionContactConstraints,
                                              &this->m_multiBodySpinningFrictionContactConstraints}) {
       for (int i = 0; i < rows->size(); ++i) {
         const auto &normal = this->m_multiBodyNormalContactConstraints[(*rows)[i].m_frictionIndex];
         const btVector3 &torque = contacts_.of(normal).torque;
-        add_friction((*rows)[i], first_contact, torque.dot((*rows)[i].m_relpos1CrossNormal), BT_LARGE_FLOAT, 1);
+        add_friction((*rows)[i], first_link_contact_, torque.dot((*rows)[i].m_relpos1CrossNormal), BT_LARGE_FLOAT, 1);
       }
     }
   }
 
-  // Finds the share of the joints' position errors that is corrected in this sub-step, so that no row exceeds the
-  // largest correction velocity. It is the same for all joints of the island: a correction by a part of each error goes
-  // towards the least sum of squares, and one of clamped errors does not.
-  void find_correction_share(const btContactSolverInfo &info) {
-    const btScalar most_turned = max_correction_rate(info.m_timeStep, settings_.recent_turn_rate);
-    double fastest = 1;
-    const btConstraintArray &joints = this->m_tmpSolverNonContactConstraintPool;
-    for (int i = 0; i < joints.size(); ++i) {
-      const JointError &error = joint_errors_[i];
-      if (!error.is_geometric || error.is_limit) continue;
-      const btScalar most = joints[i].m_contactNormal1.isZero() ? most_turned : MAX_CORRECTION_SPEED;
-      fastest = std::max(fastest, double(btFabs(error.correction) / most));
-    }
-    for (const auto &coupled : this->coupled_rows_) {
-      const btScalar most = coupled.coupling->is_angle(0) ? most_turned : MAX_CORRECTION_SPEED;
-      fastest = std::max(fastest, double(btFabs(correction_of(coupled, info)) / most));
-    }
-    if constexpr (HAS_ARTICULATIONS) {
-      const btMultiBodyConstraintArray &rows = this->m_multiBodyNonContactConstraints;
-      for (int i = 0; i < rows.size(); ++i) {
-        const btMultiBodySolverConstraint &row = rows[i];
-        const auto &owner = *static_cast<const EngineRows *>(row.m_orgConstraint);
-        if (row.m_jacDiagABInv <= 0 || !owner.is_geometric(row.m_orgDofIndex)) continue;
-        const btScalar most = owner.is_angular(row.m_orgDofIndex) ? most_turned : MAX_CORRECTION_SPEED;
-        fastest = std::max(fastest, double(btFabs(row.m_rhsPenetration / row.m_jacDiagABInv) / most));
-      }
-    }
-    correction_share_ = 1 / fastest;
-  }
-  double share_of(bool is_limit) const { return is_limit ? 1 : correction_share_; }
-
-  // Guess of the active set: a unilateral row whose target needs no impulse is at its bound.
-  static int guess_of(const AmbMlcpRow &row) {
-    if (row.low == 0 && row.target < 0) return AMB_MLCP_LOW;
-    if (row.high == 0 && row.target > 0) return AMB_MLCP_HIGH;
-    return AMB_MLCP_FREE;
-  }
-
-  // arm: of the joint, m.
-  void add(const AmbMlcpRow &row, RowKind kind, bool is_angular, double least_correction, double arm = 0) {
-    mlcp_table->add_row(mlcp_, &row);
+  // Begins the next row, without sides.
+  AmbIslandRow &add(int kind, const AmbIslandRow &like = {}) {
+    AmbIslandRow &row = space_.rows[row_count_];
+    row = like;
+    row.kind = kind;
+    sides_ = space_.sides[row_count_];
+    sides_[0].body = sides_[1].body = -1;
+    numbers_ = space_.numbers + size_t(4) * side_size_ * row_count_;
     ++row_count_;
-    // A contact may separate. The target of a row with a fixed impulse does not count.
-    const bool is_idle =
-        row.low >= row.high ? row.low == 0 : row.target <= NO_SPEED && (row.low == 0 || row.target >= -NO_SPEED);
-    is_at_rest_ = is_at_rest_ && is_idle && row.low <= 0 && row.high >= 0;
-    positions_.add(row, kind, is_angular, least_correction, arm);
-    has_drives_ = has_drives_ || row.yielding_cfm > 0;
+    return row;
   }
 
-  // The members that rows of all kinds have.
+  // Reads the members that rows of all kinds have.
   template <class Row>
-  AmbMlcpRow new_row(const Row &from) {
-    AmbMlcpRow row{};
-    row.body[0] = row.body[1] = -1;
-    row.normal = -1;
+  static void read_common(AmbIslandRow &row, const Row &from) {
     if (from.m_jacDiagABInv > 0) {
+      row.effective_mass = from.m_jacDiagABInv;
       row.target = from.m_rhs / from.m_jacDiagABInv;
       row.cfm = from.m_cfm / from.m_jacDiagABInv;
     }
     row.low = from.m_lowerLimit;
     row.high = from.m_upperLimit;
-    return row;
   }
 
-  // Sets one side of a row, or adds to it if it is the same coupled body. Its arrays are valid until the next row is made.
-  void fill(AmbMlcpRow &row, int side, int id, const btVector3 &linear, const btVector3 &angular,
-            const btVector3 &by_linear, const btVector3 &by_angular) {
+  // Sets one side of the row, or adds to it if it is the same coupled body.
+  void fill(int side, int id, const btVector3 &linear, const btVector3 &angular, const btVector3 &by_linear,
+            const btVector3 &by_angular) {
     if (!composites_.empty() && composites_[id].index >= 0)
-      return fill_composite(row, side, composites_[id], linear, angular, by_linear, by_angular);
-    row.body[side] = id;
-    row.size[side] = 6;
+      return fill_composite(side, composites_[id], linear, angular, by_linear, by_angular);
+    double *const jacobian = numbers_ + 2 * side * side_size_, *const response = jacobian + side_size_;
     for (int k = 0; k < 3; ++k) {
-      jacobians_[side][k] = linear[k];
-      jacobians_[side][k + 3] = angular[k];
-      responses_[side][k] = by_linear[k];
-      responses_[side][k + 3] = by_angular[k];
+      jacobian[k] = linear[k];
+      jacobian[k + 3] = angular[k];
+      response[k] = by_linear[k];
+      response[k + 3] = by_angular[k];
     }
-    row.jacobian[side] = jacobians_[side];
-    row.response[side] = responses_[side];
+    sides_[side] = {id, 6, jacobian, response};
   }
 
   struct Composite {
@@ -840,18 +689,14 @@ class AccurateSolver : public Base {
     int index, offset;
   };
 
-  void fill_composite(AmbMlcpRow &row, int side, const Composite &part, const btVector3 &linear, const btVector3 &angular,
+  void fill_composite(int side, const Composite &part, const btVector3 &linear, const btVector3 &angular,
                       const btVector3 &by_linear, const btVector3 &by_angular) {
     const int index = this->m_tmpSolverBodyPool.size() + part.index, size = composite_sizes_[part.index];
-    if (side == 1 && row.body[0] == index) side = 0;
-    Vector<double> &jacobian = wide_jacobians_[side], &response = wide_responses_[side];
-    if (row.body[side] != index) {
-      row.body[side] = index;
-      row.size[side] = size;
-      jacobian.assign(size, 0);
-      response.assign(size, 0);
-      row.jacobian[side] = jacobian.data();
-      row.response[side] = response.data();
+    if (side == 1 && sides_[0].body == index) side = 0;
+    double *const jacobian = numbers_ + 2 * side * side_size_, *const response = jacobian + side_size_;
+    if (sides_[side].body != index) {
+      std::fill(jacobian, jacobian + 2 * side_size_, 0);
+      sides_[side] = {index, size, jacobian, response};
     }
     for (int k = 0; k < 3; ++k) {
       jacobian[part.offset + k] += linear[k];
@@ -861,37 +706,39 @@ class AccurateSolver : public Base {
     }
   }
 
-  AmbMlcpRow row_of(const btSolverConstraint &from) {
-    AmbMlcpRow row = new_row(from);
+  // Reads the row and its sides.
+  void read(AmbIslandRow &row, const btSolverConstraint &from) {
+    read_common(row, from);
     for (int k = 0; k < 2; ++k) {
       const int id = dynamic_body(k ? from.m_solverBodyIdB : from.m_solverBodyIdA);
       if (id < 0) continue;
       const btVector3 &linear = k ? from.m_contactNormal2 : from.m_contactNormal1;
-      fill(row, k, id, linear, k ? from.m_relpos2CrossNormal : from.m_relpos1CrossNormal,
+      fill(k, id, linear, k ? from.m_relpos2CrossNormal : from.m_relpos1CrossNormal,
            linear * body(id).internalGetInvMass(), k ? from.m_angularComponentB : from.m_angularComponentA);
     }
-    return row;
   }
 
-  AmbMlcpRow row_of(btMultiBodySolverConstraint &from) {
-    AmbMlcpRow row = new_row(from);
+  void read(AmbIslandRow &row, btMultiBodySolverConstraint &from) {
+    read_common(row, from);
+    row.correction = from.m_rhsPenetration;
+    row.is_articulated = true;
+    row.link_masses[0] = mass_of(from.m_multiBodyA, from.m_linkA);
+    row.link_masses[1] = mass_of(from.m_multiBodyB, from.m_linkB);
     articulation_rows_.push_back(this->sides_of(from));
     // Skips rows whose articulated response is numerically zero (singular configuration).
-    if (from.m_jacDiagABInv <= 0) return row;
+    if (from.m_jacDiagABInv <= 0) return;
     for (int k = 0; k < 2; ++k) {
       const auto &side = articulation_rows_.back().sides[k];
       if (side.body) {
         const int id = static_cast<int>(side.body - &this->m_tmpSolverBodyPool[0]);
-        fill(row, k, id, side.linear, side.angular, side.by_linear, side.by_angular);
+        fill(k, id, side.linear, side.angular, side.by_linear, side.by_angular);
       } else if (side.multi_body) {
-        row.body[k] = this->m_tmpSolverBodyPool.size() + static_cast<int>(composite_sizes_.size()) +
-                      articulation_index(side.multi_body, side.velocity, side.n);
-        row.size[k] = side.n;
-        row.jacobian[k] = &this->m_data.m_jacobians[side.jacobian];
-        row.response[k] = &this->m_data.m_deltaVelocitiesUnitImpulse[side.jacobian];
+        const int id = this->m_tmpSolverBodyPool.size() + static_cast<int>(composite_sizes_.size()) +
+                       articulation_index(side.multi_body, side.velocity, side.n);
+        sides_[k] = {id, side.n, &this->m_data.m_jacobians[side.jacobian],
+                     &this->m_data.m_deltaVelocitiesUnitImpulse[side.jacobian]};
       }
     }
-    return row;
   }
 
   int articulation_index(btMultiBody *multi_body, int velocity, int size) {
@@ -900,17 +747,8 @@ class AccurateSolver : public Base {
     }
     articulations_.push_back({multi_body, velocity});
     articulation_sizes_.push_back(size);
+    trees_.push_back(tree_of(*multi_body));
     return static_cast<int>(articulations_.size()) - 1;
-  }
-
-  template <class Row>
-  static void soften(AmbMlcpRow &row, const Row &from, double share) {
-    row.cfm = std::max(row.cfm, softness_of(from, share));
-  }
-
-  // CFM as a share of the diagonal J M^-1 J^T.
-  static double softness_of(const btSolverConstraint &from, double share) {
-    return from.m_jacDiagABInv > 0 ? share / from.m_jacDiagABInv : 0;
   }
 
   // Mass of a link, or of the base (-1), kg; 0 without an articulation.
@@ -918,65 +756,37 @@ class AccurateSolver : public Base {
     return !multi_body ? 0 : link < 0 ? multi_body->getBaseMass() : multi_body->getLinkMass(link);
   }
 
-  // Near singular configurations the diagonal is small, and an impulse along the row would cause large velocities
-  // across it. The share is therefore of at least the inverse mass of the link.
-  static double softness_of(const btMultiBodySolverConstraint &from, double share) {
-    if (from.m_jacDiagABInv <= 0) return 0;
-    double response = 1 / from.m_jacDiagABInv;
-    for (const auto &[multi_body, link] :
-         {std::pair(from.m_multiBodyA, from.m_linkA), std::pair(from.m_multiBodyB, from.m_linkB)}) {
-      const double mass = mass_of(multi_body, link);
-      if (mass > 0) response = std::max(response, 1 / mass);
-    }
-    return share * response;
-  }
-
   template <class Rows>
   void add_contacts(Rows &rows, const btContactSolverInfo &info) {
     for (int i = 0; i < rows.size(); ++i) {
-      AmbMlcpRow row = row_of(rows[i]);
+      AmbIslandRow &row = add(AMB_ROW_CONTACT);
+      read(row, rows[i]);
       const auto &point = *static_cast<const btManifoldPoint *>(rows[i].m_originalContactPoint);
-      row.x = std::max(btScalar(0), point.m_appliedImpulse);
-      row.position_cfm = softness_of(rows[i], YIELDING_POSITION_SOFTNESS);
-      soften(row, rows[i], settings_.contact_softness);
-      ContactCache::Contact &contact = contacts_.of(rows[i]);
-      const bool is_open = row.x == 0 && (row.target < 0 || (contact.is_known && !contact.is_closed));
-      row.state = is_open ? AMB_MLCP_LOW : AMB_MLCP_FREE;
-      const btScalar gap = point.getDistance() + info.m_linearSlop;
-      deepest_ = std::max(deepest_, -gap);
-      row.bias = contact_bias(rows, i, gap, info.m_timeStep);
-      row.in_positions = rows[i].m_jacDiagABInv > 0 && row.high > 0;
-      row.position_target = gap > 0            ? -gap / info.m_timeStep
-                            : row.in_positions ? rows[i].m_rhsPenetration / rows[i].m_jacDiagABInv
-                                               : 0;
-      normals_.push_back({row.x, row.state, row_count_, &contact});
-      add(row, RowKind::Contact, false, -gap > 0 ? std::fabs(row.position_target) * MIN_DEPTH / -gap : BT_LARGE_FLOAT);
+      const ContactCache::Contact &contact = contacts_.of(rows[i]);
+      row.guess = point.m_appliedImpulse;
+      row.was_open = contact.is_known && !contact.is_closed;
+      row.correction = rows[i].m_rhsPenetration;
+      row.gap = point.getDistance() + info.m_linearSlop;
+      row.bias = contact_bias(rows, i, row.gap, info.m_timeStep);
     }
   }
 
   // kept: `guess` is this multiple of the impulse in the last sub-step (warm-starting factor).
   template <class Row>
   void add_friction(Row &from, int first_contact, double guess, double cap, double kept) {
-    AmbMlcpRow row = row_of(from);
+    AmbIslandRow &row = add(AMB_ROW_FRICTION);
+    read(row, from);
     row.normal = first_contact + from.m_frictionIndex;
     row.friction = from.m_friction;
     row.cap = cap;
-    row.x = guess / kept;
-    soften(row, from, settings_.friction_softness);
-    const Normal &normal = normals_[normals_.size() - contact_count(from) + from.m_frictionIndex];
-    const double bound = std::min(row.friction * normal.impulse, cap) * (1 - 1e-6);
-    row.state = guess >= bound * kept ? AMB_MLCP_HIGH : guess <= -bound * kept ? AMB_MLCP_LOW : AMB_MLCP_FREE;
-    if (normal.state == AMB_MLCP_FREE && normal.impulse == 0) row.state = AMB_MLCP_FREE;
-    add(row, RowKind::Other, false, MIN_CORRECTION);
-  }
-  size_t contact_count(const btSolverConstraint &) const { return this->m_tmpSolverContactConstraintPool.size(); }
-  size_t contact_count(const btMultiBodySolverConstraint &) const {
-    return this->m_multiBodyNormalContactConstraints.size();
+    row.guess = guess;
+    row.warm_start = kept;
   }
 
-  // Kinetic energy of all bodies of the island after external forces and before constraint impulses, J.
-  double kinetic_energy() const {
-    double energy = 0;
+  // Kinetic energy of all bodies of the island after external forces and before constraint impulses, J, and the mass of the
+  // heaviest rigid body, kg.
+  void find_loads(AmbIslandProblem &problem) const {
+    double &energy = problem.kinetic_energy;
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       const btSolverBody &b = this->m_tmpSolverBodyPool[i];
       if (!b.m_originalBody || b.m_originalBody->getInvMass() <= 0) continue;
@@ -985,129 +795,71 @@ class AccurateSolver : public Base {
       const btVector3 angular = (b.m_angularVelocity + b.m_externalTorqueImpulse) * b.m_worldTransform.getBasis();
       energy += linear.length2() / (2 * b.m_originalBody->getInvMass());
       for (int k = 0; k < 3; ++k) energy += inverse[k] > 0 ? angular[k] * angular[k] / (2 * inverse[k]) : 0;
+      problem.heaviest = std::max(problem.heaviest, double(1 / b.m_originalBody->getInvMass()));
     }
     if constexpr (HAS_ARTICULATIONS) {
       for (const Articulation &articulation : articulations_) energy += free_energy(*articulation.multi_body);
     }
-    return energy;
   }
 
+  AmbBudgetLimits limits() const {
+    return {settings_.base_budget, settings_.budget_per_row, settings_.max_saved_budget};
+  }
+
+  // Solves the island and writes the results. Returns whether that was possible.
   bool solve(const btContactSolverInfo &info, bool is_small) {
-    AmbSolverStatistics &seen = settings_.statistics;
-    const double budget = settings_.budget_per_row * row_count_ + settings_.base_budget;
-    part_budget_ += settings_.budget_per_row * row_count_;
-    settings_.budget = std::max(settings_.budget, part_budget_);
-    if (is_at_rest_) {
-      clear_impulses();
-      ++seen.islands_solved;
-      seen.rows += row_count_;
-      note_depth();
-      correct_positions(info, budget, false);
-      return true;
+    AmbIslandProblem problem{};
+    problem.time_step = info.m_timeStep;
+    problem.sub_step = sub_step_;
+    problem.rigid = this->m_tmpSolverBodyPool.size();
+    problem.composites = static_cast<uint32_t>(composite_sizes_.size());
+    problem.turn_rate = settings_.recent_turn_rate;
+    problem.joint_softness = settings_.joint_softness;
+    problem.contact_softness = settings_.contact_softness;
+    problem.friction_softness = settings_.friction_softness;
+    problem.most_cost = is_small ? std::numeric_limits<double>::infinity() : settings_.max_direct_cost_per_row;
+    problem.limits = limits();
+    find_loads(problem);
+    block_sizes_ = composite_sizes_;
+    block_sizes_.insert(block_sizes_.end(), articulation_sizes_.begin(), articulation_sizes_.end());
+    const AmbIslandBodies bodies{block_sizes_.data(), static_cast<int>(block_sizes_.size()),
+                                 static_cast<int>(trees_.size()), trees_.data()};
+    AmbBody *const first = first_body();
+    AmbIslandMemory memory{};
+    if (first) memory = {first->drive_yielding, first->drives_yielded_in_vain, first->guess_tolerance};
+    AmbIslandSolution solution;
+    island_table->solve(island_, row_count_, &problem, &bodies, first ? &memory : nullptr, &settings_.budgets, &solution);
+    if (first) {
+      first->drive_yielding = memory.drive_yielding;
+      first->drives_yielded_in_vain = memory.drives_yielded_in_vain;
+      first->guess_tolerance = memory.guess_tolerance;
     }
-    const double cost = prepare();
-    if (cost < 0 || (!is_small && cost > settings_.max_direct_cost_per_row * row_count_)) return false;
-    mlcp_table->set_energy(mlcp_, kinetic_energy());
-    const int outcome = solve_velocities(info.m_timeStep, settings_.budget_per_row * row_count_);
-    if (outcome == AMB_MLCP_NOT_FINITE) return false;
-    ++(outcome == AMB_MLCP_SOLVED ? seen.islands_solved : seen.islands_approximate);
-    write_velocities();
-    note_depth();
-    correct_positions(info, budget, true);
+    count(solution);
+    if (solution.outcome == AMB_ISLAND_REFUSED || solution.outcome == AMB_ISLAND_EXPENSIVE) return false;
+    if (solution.outcome == AMB_ISLAND_AT_REST) {
+      clear_impulses();
+    } else {
+      write_velocities(solution);
+    }
+    if (solution.correction > 0) write_corrections(info, solution);
+    store_contacts();
+    if (solution.states) store_contact_states(solution.states);
     return true;
   }
 
-  // Counts the last solution. Returns what it was.
-  AmbMlcpStatistics count_solution() {
-    AmbMlcpStatistics found;
-    mlcp_table->statistics(mlcp_, &found);
-    settings_.statistics.multiplications += found.multiplications;
-    settings_.work += found.multiplications;
-    return found;
-  }
-
-  // Solves the velocity problem, again with softer drives while these open joints and the budget lasts.
-  int solve_velocities(double h, double budget) {
+  void count(const AmbIslandSolution &solution) {
     AmbSolverStatistics &seen = settings_.statistics;
-    AmbBody *const first = first_body(), *const island = has_drives_ ? first : nullptr;
-    if (first) mlcp_table->set_guess_tolerance(mlcp_, first->guess_tolerance);
-    double yielding = island ? island->drive_yielding : 0, unyielding = BT_LARGE_FLOAT;
-    bool may_yield = island && DriveYielding::is_allowed(island->drives_yielded_in_vain, sub_step_);
-    // Drives that contradict other rows make the problem hard to solve: it may cost as much again with softer ones.
-    const double again = budget;
-    budget += shared_budget_;
-    for (bool is_first = true;; is_first = false) {
-      const int outcome = mlcp_table->solve(mlcp_, yielding, budget);
-      const AmbMlcpStatistics found = count_solution();
-      budget = std::max(budget - found.multiplications, 0.0);
-      may_yield = may_yield && (is_first || budget > 0);
-      seen.rows += found.rows;
-      seen.factorisations += found.factorisations;
-      seen.pivots += found.pivots;
-      seen.sweeps += found.sweeps;
-      const bool is_finite = outcome != AMB_MLCP_NOT_FINITE;
-      const double opened = island && is_finite ? positions_.opening(mlcp_table->impulses(mlcp_), h) : 0;
-      if (yielding == 0) unyielding = opened;
-      if (may_yield && DriveYielding::is_wanted(yielding, opened)) {
-        yielding = DriveYielding::raised(yielding, opened);
-        if (is_first) budget = std::max(budget, again);
-      } else if (may_yield && !is_first && DriveYielding::is_in_vain(unyielding, opened)) {
-        yielding = 0;
-        may_yield = false;
-        island->drives_yielded_in_vain = sub_step_;
-      } else {
-        seen.residual = std::max(seen.residual, found.residual);
-        shared_budget_ = budget;
-        if (first) first->guess_tolerance = found.guess_tolerance;
-        if (!island) return outcome;
-        island->drive_yielding = is_first ? DriveYielding::lowered(yielding, opened) : yielding;
-        if (!is_first && yielding > 0 && DriveYielding::is_in_vain(unyielding, opened)) {
-          // The budget ended.
-          island->drive_yielding = 0;
-          island->drives_yielded_in_vain = sub_step_;
-        }
-        return outcome;
-      }
-    }
-  }
-
-  double prepare() {
-    block_sizes_ = composite_sizes_;
-    block_sizes_.insert(block_sizes_.end(), articulation_sizes_.begin(), articulation_sizes_.end());
-    return mlcp_table->prepare(mlcp_, this->m_tmpSolverBodyPool.size(), block_sizes_.data(),
-                               static_cast<int>(block_sizes_.size()));
-  }
-
-  void note_depth() {
-    settings_.statistics.penetration = std::max(settings_.statistics.penetration, double(deepest_));
-    deepest_ = 0;
-  }
-
-  // Solves the position problem, unless all errors are small and this sub-step is not due.
-  void correct_positions(const btContactSolverInfo &info, double budget, bool is_prepared) {
-    if (!positions_.are_due(sub_step_)) return;
-    if (!is_prepared && prepare() < 0) return;
-    double damping = 1;
-    btScalar length = 0;
-    const double *left = nullptr;
-    for (int round = 0;; ++round) {
-      if (mlcp_table->solve_positions(mlcp_, nullptr, positions_.states(), LEAST_POSITION_SOFTNESS, damping, budget) ==
-          AMB_MLCP_NOT_FINITE)
-        return;
-      budget -= count_solution().multiplications;
-      left = mlcp_table->position_errors(mlcp_);
-      length = find_correction_length(info.m_timeStep);
-      if (length <= LONG_CORRECTION || round == MOST_ROUNDS || budget <= 0) break;
-      damping *= RAISED_DAMPING;
-    }
-    ++settings_.statistics.position_problems;
-    const PositionErrors asked = positions_.asked(), after = positions_.after(left);
-    const double moved = positions_.correction_energy(left) / damping;
-    if (is_uncorrectable(asked, after) || is_soft(asked, after, moved)) {
-      scale_corrections(0);
-      return;
-    }
-    write_corrections(info, 1 / length);
+    const AmbIslandCounters &found = solution.counters;
+    seen.rows += found.rows;
+    seen.factorisations += found.factorisations;
+    seen.pivots += found.pivots;
+    seen.sweeps += found.sweeps;
+    seen.position_problems += found.position_problems;
+    seen.multiplications += found.multiplications;
+    seen.residual = std::max(seen.residual, found.residual);
+    seen.penetration = std::max(seen.penetration, found.depth);
+    if (solution.outcome == AMB_ISLAND_APPROXIMATE) ++seen.islands_approximate;
+    if (solution.outcome == AMB_ISLAND_SOLVED || solution.outcome == AMB_ISLAND_AT_REST) ++seen.islands_solved;
   }
 
   // The body that identifies an island in consecutive sub-steps: the first link of its first articulation, or its first
@@ -1143,8 +895,8 @@ class AccurateSolver : public Base {
     row.coupling->is_known = true;
   }
 
-  void write_velocities() {
-    const double *impulses = mlcp_table->impulses(mlcp_), *velocities = mlcp_table->velocities(mlcp_);
+  void write_velocities(const AmbIslandSolution &solution) {
+    const double *impulses = solution.impulses, *velocities = solution.velocities;
     store_joint_impulses(impulses);
     for (btConstraintArray *pool :
          {&this->m_tmpSolverNonContactConstraintPool, &this->m_tmpSolverContactConstraintPool,
@@ -1169,42 +921,13 @@ class AccurateSolver : public Base {
     }
   }
 
-  // Finds how fast the bodies move by the pseudo-velocities in a sub-step of h s, as a multiple of what is allowed, at
-  // least 1. Hands those of articulations over to them.
-  btScalar find_correction_length(btScalar h) {
-    const double *const found = mlcp_table->position_velocities(mlcp_);
-    const int bodies = this->m_tmpSolverBodyPool.size();
-    const btScalar most = max_correction_rate(h, settings_.recent_turn_rate);
-    btScalar fastest = 1;
-    for (int i = 0; i < bodies; ++i) {
-      if (dynamic_body(i) < 0) continue;
-      fastest = std::max(fastest, vector_at(found + place_of(i)).length() / MAX_CORRECTION_SPEED);
-      fastest = std::max(fastest, vector_at(found + place_of(i) + 3).length() / most);
-    }
-    if constexpr (HAS_ARTICULATIONS) {
-      const double *velocities = found + articulations_place();
-      for (size_t i = 0; i < articulations_.size(); velocities += articulation_sizes_[i++])
-        fastest = std::max(fastest, set_correction(*articulations_[i].multi_body, velocities, most));
-    }
-    return fastest;
-  }
-
-  // Multiplies the pseudo-velocities that articulations keep until `integrate`.
-  void scale_corrections(btScalar factor) {
-    if constexpr (HAS_ARTICULATIONS) {
-      for (const Articulation &articulation : articulations_) scale_correction(*articulation.multi_body, factor);
-    }
-  }
-
-  // Writes the pseudo-velocities times `factor`, which is the same for all of the island, so that bodies keep their
-  // joints closed as the solution does. Bullet moves rigid bodies by them when it writes back.
-  void write_corrections(const btContactSolverInfo &info, btScalar factor) {
-    scale_corrections(factor);
-    const double *const found = mlcp_table->position_velocities(mlcp_);
+  // Writes the pseudo-velocities of rigid bodies. Bullet moves them by these when it writes back.
+  void write_corrections(const btContactSolverInfo &info, const AmbIslandSolution &solution) {
+    const btScalar factor = solution.correction;
     const btScalar turn = info.m_splitImpulseTurnErp > 0 ? factor / info.m_splitImpulseTurnErp : 0;
     for (int i = 0; i < this->m_tmpSolverBodyPool.size(); ++i) {
       if (dynamic_body(i) < 0) continue;
-      const double *const velocity = found + place_of(i);
+      const double *const velocity = solution.corrections + place_of(i);
       body(i).internalGetPushVelocity() = vector_at(velocity) * factor;
       body(i).internalGetTurnVelocity() = vector_at(velocity + 3) * turn;
       turn_velocity(body(i), vector_at(velocity + 3) * factor, info.m_timeStep);
@@ -1230,48 +953,32 @@ class AccurateSolver : public Base {
     // Index of its velocities in m_data.m_deltaVelocities.
     int velocity;
   };
-  // Warm start of a contact's normal row.
-  struct Normal {
-    double impulse;
-    int state;
-    int row;
-    ContactCache::Contact *contact;
-  };
-
   const AccurateContext &settings_;
-  AmbMlcp *mlcp_;
+  AmbIsland *island_;
   int row_count_ = 0;
   // Number of large well-conditioned islands that are solved by sequential impulses before the cost of the next one is
   // estimated.
   int direct_backoff_ = 0;
-  // Budget that all islands of the sub-step share, multiplications: the base budget, and what earlier solutions have not
-  // used, because expensive problems, such as impacts, are rare.
-  double shared_budget_ = 0;
-  // Budget of the islands of this part of the sub-step so far.
-  double part_budget_ = 0;
-  double jacobians_[2][6], responses_[2][6];
-  // The same of coupled bodies.
-  Vector<double> wide_jacobians_[2], wide_responses_[2];
+  // Where the rows are written; of the one that is read, its sides and their numbers; and the numbers of a Jacobian there.
+  AmbIslandSpace space_{};
+  AmbIslandSide *sides_ = nullptr;
+  double *numbers_ = nullptr;
+  int side_size_ = 6;
   // Of each rigid body, if there are couplings; and the numbers of velocities of coupled bodies.
   Vector<Composite> composites_;
   Vector<int> composite_sizes_, composite_of_group_, groups_;
   // Those, then those of articulations.
   Vector<int> block_sizes_;
-  Vector<JointError> joint_errors_;
-  Vector<Normal> normals_;
-  // Whether all rows are satisfied without impulses.
-  bool is_at_rest_ = false;
-  // Whether drives act on the island that may yield to joints.
-  bool has_drives_ = false;
+  // What is known of rows of joints before they are read; see `separate_errors` and `find_responses`.
+  Vector<AmbIslandRow> joint_rows_;
   unsigned sub_step_ = 0, resets_ = 0;
-  double correction_share_ = 1;
-  PositionRows positions_;
-  // Largest penetration depth of a contact of the island, m.
-  btScalar deepest_ = 0;
   // Sides of the rows that act on articulations. These rows come last.
   Vector<ArticulationSolver::Sides> articulation_rows_;
   Vector<Articulation> articulations_;
   Vector<int> articulation_sizes_;
+  Vector<void *> trees_;
+  // Row of the first contact of an articulation.
+  int first_link_contact_ = 0;
   // Joints of the island whose impulses are stored for the next sub-step.
   struct JointSpan {
     SoftRows *memory;

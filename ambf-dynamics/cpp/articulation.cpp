@@ -376,7 +376,7 @@ void AmbArticulation::make_tree(AmbConstraint *const *joints, int n, int n_paral
     ends.push_back(static_cast<int>(terms.size()));
     offsets.push_back(coupling->offset);
   }
-  const Tree::Bounds bounds{MAX_CORRECTION_SPEED, MAX_RETURN_SPEED, MAX_RETURN_RATE, LIMIT_ERP, SOFT_SPRING};
+  const Tree::Bounds bounds{MAX_RETURN_SPEED, MAX_RETURN_RATE, LIMIT_ERP};
   const Tree::Plan plan{n, static_cast<int>(ends.size()), spring_count, has_fixed_base, links.data(), bodies.data(),
                         terms.data(), ends.data(), offsets.data(), bounds, allocate, &blocks};
   tree = tree_table->make(&plan);
@@ -672,13 +672,7 @@ double free_energy(const btMultiBody &multi_body) { return *articulation_of(mult
 
 AmbBody &first_link_of(const btMultiBody &multi_body) { return *articulation_of(multi_body).members[1].body; }
 
-btScalar set_correction(btMultiBody &multi_body, const double *velocities, btScalar most_turned) {
-  return tree_table->set_correction(articulation_of(multi_body).tree, velocities, most_turned);
-}
-
-void scale_correction(btMultiBody &multi_body, btScalar factor) {
-  tree_table->scale_correction(articulation_of(multi_body).tree, factor);
-}
+Tree *tree_of(const btMultiBody &multi_body) { return articulation_of(multi_body).tree; }
 
 void read_rates(const btMultiBody &multi_body, Vector<btScalar> &start, Vector<btScalar> &free) {
   const Tree &tree = *articulation_of(multi_body).tree;

@@ -2,7 +2,7 @@
 
 #include "articulation_rows.h"
 
-const AmbMlcpTable *mlcp_table = nullptr;
+const AmbIslandTable *island_table = nullptr;
 const TreeTable *tree_table = nullptr;
 
 namespace {

@@ -7,17 +7,18 @@
 #ifndef AMB_ARTICULATION_SOLVER_H
 #define AMB_ARTICULATION_SOLVER_H
 
-#include "../include/ambf_mlcp.h"
+#include "../include/ambf_island.h"
 #include "arena_memory.h"
 #include "ledger.h"
 
 #include <BulletDynamics/Featherstone/btMultiBodyConstraint.h>
 #include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
 
-// Set once by amb_set_mlcp.
-extern const AmbMlcpTable *mlcp_table;
+// Set once by amb_set_islands.
+extern const AmbIslandTable *island_table;
 
 struct AmbArticulation;
+struct Tree;
 
 // Base class of all constraints of this library on links.
 class EngineRows : public btMultiBodyConstraint {
@@ -103,10 +104,7 @@ class ArticulationSolver : public btMultiBodyConstraintSolver {
 };
 
 AmbArticulation &articulation_of(const btMultiBody &multi_body);
-// Stores the pseudo-velocity z of an articulation for its position correction in this sub-step. Returns the largest
-// multiple of MAX_CORRECTION_SPEED or, of what turns, `most_turned` (rad/s) in its coordinates.
-btScalar set_correction(btMultiBody &multi_body, const double *velocities, btScalar most_turned);
-void scale_correction(btMultiBody &multi_body, btScalar factor);
+Tree *tree_of(const btMultiBody &multi_body);
 // Kinetic energy of an articulation after the free motion of the sub-step, J.
 double free_energy(const btMultiBody &multi_body);
 // The first link that moves relative to the base.

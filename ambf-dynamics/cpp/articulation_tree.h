@@ -112,7 +112,7 @@ struct Tree {
 
   // See position_error.h.
   struct Bounds {
-    btScalar correction_speed, return_speed, return_rate, limit_erp, soft_spring;
+    btScalar return_speed, return_rate, limit_erp;
   };
 
   struct Plan {
@@ -175,8 +175,6 @@ struct TreeTable {
   int (*rows)(const Tree *tree);
   void (*write_rows)(Tree *tree, double *jacobians);
   void (*add_to_row)(const Tree *tree, int body, const btVector3 *force, const btVector3 *torque, double *row);
-  double (*set_correction)(Tree *tree, const double *z, double most_turned);
-  void (*scale_correction)(Tree *tree, double factor);
   void (*finish)(Tree *tree, double h, const double *z, const double *impulses);
   void (*read_rates)(const Tree *tree, double *start, double *free);
   void (*note_energy)(Tree *tree);

@@ -187,12 +187,9 @@ double amb_world_jointed_turn_rate(AmbWorld *world) {
 }
 
 int amb_world_continue_sub_step(AmbWorld *world) {
-  // Solutions that are found mostly take a tenth of their budget: 16 parts, the most, about twice the budget of one. With one
-  // that is not found a sub-step is not worth dividing.
-  constexpr int MOST_BUDGETS = 4;
   AccurateContext &accurate = engine_of(*world).accurate;
   accurate.is_continued = true;
-  return accurate.work <= std::min(accurate.parts, MOST_BUDGETS) * accurate.budget;
+  return island_table->may_divide(&accurate.budgets);
 }
 
 void amb_world_count_division(AmbWorld *world) { ++engine_of(*world).accurate.statistics.divided_sub_steps; }
@@ -208,7 +205,12 @@ void amb_world_set_energy_ledger(AmbWorld *world, int enabled) {
 
 void amb_world_energy(const AmbWorld *world, AmbEnergy *out) { *out = engine_of(*world).ledger.read(); }
 
-void amb_set_mlcp(const void *table) { mlcp_table = static_cast<const AmbMlcpTable *>(table); }
+void amb_set_islands(const void *table) {
+  island_table = static_cast<const AmbIslandTable *>(table);
+  assert(island_table->sizes[0] == sizeof(AmbIslandRow) && island_table->sizes[1] == sizeof(AmbIslandSide));
+  assert(island_table->sizes[2] == sizeof(AmbIslandProblem) && island_table->sizes[3] == sizeof(AmbBudgets));
+  assert(island_table->sizes[4] == sizeof(AmbIslandSolution));
+}
 void amb_set_trees(const void *table) {
   tree_table = static_cast<const TreeTable *>(table);
   assert(tree_table->sizes[0] == sizeof(Tree::Link) && tree_table->sizes[1] == sizeof(Tree::Body));

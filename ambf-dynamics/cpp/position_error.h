@@ -1,4 +1,4 @@
-// Parameters of the position correction, and the velocity bias of joints by the curvature of their motion. C++ only.
+// Parameters of position errors, and the velocity bias of joints by the curvature of their motion. C++ only.
 #ifndef AMB_POSITION_ERROR_H
 #define AMB_POSITION_ERROR_H
 
@@ -6,57 +6,20 @@
 
 #include <algorithm>
 
-// Velocities up to this count as 0, m/s or rad/s.
-constexpr double NO_SPEED = 1e-14;
 // Bounds of impulses beyond this are infinite, N s or N m s.
 constexpr btScalar UNBOUNDED = 1e9;
-// Largest correction velocity of joints and of bodies, m/s and rad/s, and of violated limits.
-constexpr btScalar MAX_CORRECTION_SPEED = 10, MAX_CORRECTION_RATE = 50, MAX_RETURN_SPEED = 1, MAX_RETURN_RATE = 5;
+// Largest correction velocity of violated limits, m/s and rad/s.
+constexpr btScalar MAX_RETURN_SPEED = 1, MAX_RETURN_RATE = 5;
 // Share of the violation of a limit that is corrected in a sub-step.
 constexpr btScalar LIMIT_ERP = 0.2;
-// Largest turn of a body or joint by a correction, rad: the rows are linear in the motion.
-constexpr btScalar MAX_CORRECTION_TURN = 0.05;
-// The position problem is solved only if the correction velocity of a joint exceeds MIN_CORRECTION, m/s or rad/s, or
-// the penetration depth of a contact exceeds MIN_DEPTH, m.
-constexpr double MIN_CORRECTION = 1e-6;
-constexpr btScalar MIN_DEPTH = 1e-5;
-// Errors below URGENT_CORRECTION times these thresholds are corrected in every CORRECTION_INTERVAL-th sub-step only.
-constexpr double URGENT_CORRECTION = 20;
-constexpr unsigned CORRECTION_INTERVAL = 4;
-// CFM of the position problem as a share of the response of joints, and of the diagonal of contacts and limits:
-// infeasible rows end in a least-squares compromise, in which contacts and limits yield to joints and grips. It is at
-// least LEAST_POSITION_SOFTNESS of the diagonal.
-constexpr double POSITION_SOFTNESS = 1e-6, YIELDING_POSITION_SOFTNESS = 1e-4, LEAST_POSITION_SOFTNESS = 1e-12;
-// CFM of stiff springs, as a share of their response, and the share below which the implicit CFM of a spring falls
-// towards it; and the same for soft springs, which are stiffer than what moves with them, and softer than contacts.
-constexpr double SPRING_POSITION_SOFTNESS = 1e-7, STIFF_SPRING = 10;
-constexpr double SOFT_SPRING_POSITION_SOFTNESS = 1e-3, SOFT_SPRING = 1000;
 // Largest turn in a sub-step for which the motion of joint frames is approximated to second order, rad.
 constexpr btScalar MAX_CURVED_TURN = 0.3;
-
-// Largest angular velocity of a correction in a sub-step of h s, rad/s, where jointed bodies turn at up to `turn_rate`
-// rad/s. Fast motion opens joints fast.
-inline btScalar max_correction_rate(btScalar h, btScalar turn_rate) {
-  return std::min(std::max(MAX_CORRECTION_RATE, turn_rate), MAX_CORRECTION_TURN / h);
-}
 
 // Push-out (depenetration) velocity of a contact, m/s: RATE (1/s) times the penetration depth (m), clamped to
 // [MIN_SPEED, MAX_SPEED].
 inline btScalar push_out_speed(btScalar depth) {
   constexpr btScalar RATE = 10, MIN_SPEED = 0.05, MAX_SPEED = 1;
   return std::min(std::max(depth * RATE, MIN_SPEED), MAX_SPEED);
-}
-
-// CFM in the position problem of a spring whose implicit row has the CFM `cfm` and the response `response`. A spring
-// that is stiff for the sub-step resists like a joint. With its implicit CFM it would resist each correction by the
-// force of that correction alone, without those of the corrections before, and many of them would strain it.
-inline double spring_position_softness(double cfm, double response) {
-  const auto falling = [&](double from, double least) {
-    const double share = response > 0 ? std::min(1.0, cfm / (response * from)) : 1;
-    return std::max(least * response, cfm * share * share * share * share);
-  };
-  const double stiff = falling(STIFF_SPRING, SPRING_POSITION_SOFTNESS);
-  return std::min({cfm, stiff, falling(SOFT_SPRING, SOFT_SPRING_POSITION_SOFTNESS)});
 }
 
 // Velocity bias of a joint by the curvature of its motion. Bodies move along tangents, x += v h, so that the two pivots

@@ -11,11 +11,12 @@
 //! `ambf_core::bullet`; when which part of the engine is used, which is the scene's to say. What it relies on within
 //! Bullet is listed in bullet-sys' `UPGRADE.md`.
 //!
-//! Begin with `README.md`, then [`mlcp`] (the solver, without Bullet) or `cpp/engine.cpp` (where Bullet's step is
+//! Begin with `README.md`, then [`island`] (what is solved, without Bullet) or `cpp/engine.cpp` (where Bullet's step is
 //! entered).
 
 pub mod aba;
 pub mod assembly;
 pub mod ffi;
+pub mod island;
 pub mod mlcp;
 pub mod tree;

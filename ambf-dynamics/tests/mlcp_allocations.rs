@@ -1,8 +1,9 @@
-//! A solver that has seen a problem allocates nothing for the next one of its size.
+//! A solver, or an island, that has seen a problem allocates nothing for the next one of its size.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
+use ambf_dynamics::island::{Budgets, Island, Kept, Kind, Limits, Memory, Outcome, Problem};
 use ambf_dynamics::mlcp::{Budget, Friction, Row, Side, Solver};
 
 struct Counting;
@@ -79,4 +80,49 @@ fn a_warm_solver_allocates_nothing() {
     let (statistics, warm) = solve();
     assert!(statistics.factorisations > 1, "{statistics:?}");
     assert_eq!(warm, cold);
+}
+
+#[test]
+fn a_warm_island_allocates_nothing() {
+    use ambf_dynamics::island::Row;
+    let limits = Limits { base: 1e5, per_row: 1e4, saved: 1e6 };
+    let problem = Problem {
+        time_step: 1e-3,
+        sub_step: 0,
+        rigid: 2,
+        composites: 0,
+        turn_rate: 0.0,
+        heaviest: 1.0,
+        kinetic_energy: 1.0,
+        joint_softness: 1e-9,
+        contact_softness: 1e-7,
+        friction_softness: 1e-7,
+        most_cost: f64::INFINITY,
+        limits,
+    };
+    let joint =
+        Row { is_geometric: true, effective_mass: 1.0, response: 1.0, correction: 0.1, arm: 0.1, ..Row::default() };
+    let motor = Row { is_geometric: false, target: 100.0, low: -1e8, high: 1e8, correction: 0.0, ..joint };
+    let contact = Row { kind: Kind::Contact, target: 0.1, gap: -1e-3, low: 0.0, ..joint };
+    let friction = Row { kind: Kind::Friction, normal: 2, friction: 0.5, target: 0.1, ..joint };
+    let jacobians = [[0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0, 0.0, 0.1]];
+    let mut island = Island::new();
+    let mut solve = |memory: &mut Memory| {
+        let mut rows = [joint, motor, contact, friction];
+        let sides = |row: usize| {
+            let jacobian = &jacobians[row / 3][..];
+            [0, 1].map(|body| Some(Side { body, jacobian, response: jacobian }).filter(|_| body == row / 2))
+        };
+        let mut budgets = Budgets::default();
+        budgets.begin(&limits, false);
+        let kept = Kept { memory: Some(memory), budgets: &mut budgets };
+        let solution = island.solve(&problem, &mut rows, sides, std::iter::empty(), kept, &mut ());
+        (solution, COUNT.with(Cell::get))
+    };
+    let (first, cold) = solve(&mut Memory::default());
+    assert!(cold > 0);
+    // Drives yield and positions are corrected.
+    assert!(first.outcome == Outcome::Solved && first.counters.rows > 4 && first.correction > 0.0, "{first:?}");
+    let (second, warm) = solve(&mut Memory::default());
+    assert_eq!((second, warm), (first, cold));
 }

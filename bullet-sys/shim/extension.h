@@ -125,12 +125,12 @@ struct BodyMemory {
   // of angular velocity in it by everything but the gyroscopic torque, rad/s. See the engine's second_order.h.
   btScalar last_sub_step = 0;
   btVector3 other_angular_change{0, 0, 0};
-  // By how much the drives of an island yield to its joints, kept by its first body; see the engine's accurate_solver.h.
+  // By how much the drives of an island yield to its joints, kept by its first body; see the engine's src/island.
   double drive_yielding = 0;
   // Last sub-step in which that did not help; 0: none.
   unsigned drives_yielded_in_vain = 0;
   // Up to which residual impulses of the last sub-step are accepted as those of an island, kept by its first body; see
-  // ambf_mlcp.h.
+  // src/mlcp.
   double guess_tolerance = 0;
   SubStepStart start{btTransform::getIdentity(), {0, 0, 0}, {0, 0, 0}};
   // Number of the sub-step in which the body was last integrated as a free body.

@@ -18,7 +18,7 @@ pub struct AccurateSettings {
     /// Islands are solved directly if the cost is within the budget. Default: `true`.
     pub direct: bool,
     /// Minimum CFM of joint rows in the direct solution, as a share of the row's response, which regularises redundant
-    /// rows. Rows of joints that turn have up to 1e-6 (`ambf-dynamics/cpp/joint_softness.h`). Default: 1e-9.
+    /// rows. Rows of joints that turn have up to 1e-6 (`ambf-dynamics/src/island/softness.rs`). Default: 1e-9.
     pub joint_softness: f64,
     /// The same of contacts. Default: 1e-7.
     pub contact_softness: f64,

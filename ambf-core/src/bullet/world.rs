@@ -165,7 +165,7 @@ impl World {
         let place = arena.as_ref().map_or(std::ptr::null_mut(), Arena::as_ptr);
         // SAFETY: the tables are static and have the layouts that the headers beside them describe.
         unsafe {
-            sys::amb_set_mlcp(std::ptr::from_ref(ambf_dynamics::mlcp::ffi::table()).cast());
+            sys::amb_set_islands(std::ptr::from_ref(ambf_dynamics::island::ffi::table()).cast());
             sys::amb_set_trees(std::ptr::from_ref(ambf_dynamics::aba::ffi::table()).cast());
         }
         // SAFETY: numbers that the enums of the shim have; the arena is this world's alone and goes after it; the

@@ -7,6 +7,8 @@
 
 use std::f64::consts::FRAC_PI_2;
 
+use crate::island::{MAX_CORRECTION_SPEED, SOFT_SPRING};
+
 use super::account::Account;
 use super::algebra::{Matrix, Quaternion, Vector};
 use super::coupling::{Coupled, CoupledCoordinate};
@@ -29,20 +31,16 @@ const MAX_CONTRAST: f64 = 2.0;
 const STIFF: f64 = 0.04;
 const STIFFLY_DAMPED: f64 = 0.1;
 
-/// Bounds that all corrections of positions have, see `cpp/position_error.h`.
+/// Bounds of the return to limits, see `cpp/position_error.h`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct Bounds {
-    /// Largest speed of a correction, m/s.
-    pub correction_speed: f64,
     /// Largest speed of the return to a limit, m/s, and rate, rad/s.
     pub return_speed: f64,
     /// See [`return_speed`](Self::return_speed).
     pub return_rate: f64,
     /// Share of the violation of a limit that is corrected in a sub-step.
     pub limit_erp: f64,
-    /// A spring resists corrections if this times its stiffness times response times h² is above 1.
-    pub soft_spring: f64,
 }
 
 /// What an articulation is made of.
@@ -185,7 +183,6 @@ pub struct Articulation<'a> {
     /// The index of the body on whose joint each spring acts; 0: the spring is the joint.
     spring_members: &'a mut [usize],
     offsets: &'a mut [f64],
-    bounds: Bounds,
     /// There are rows in this sub-step.
     pub has_rows: bool,
     /// Kinetic energy of the motion without rows, J, and its internal energy at the end and, with the same rates, at the beginning of the
@@ -328,7 +325,6 @@ impl<'a> Articulation<'a> {
             mean_rate,
             motion,
             offsets,
-            bounds: plan.bounds,
             has_rows: false,
             free_energy: 0.0,
             free_internal_energy: 0.0,
@@ -415,7 +411,7 @@ impl<'a> Articulation<'a> {
             let response = equations.coupled.response(spring.coordinate()) * h;
             spring.is_stiff = spring.stiffness * h * response > STIFF || spring.damping * response > STIFFLY_DAMPED;
             spring.settles_in_a_step = spring.is_stiff && spring.stiffness * h * response > 1.0;
-            spring.resists_corrections = spring.stiffness * h * response * self.bounds.soft_spring > 1.0;
+            spring.resists_corrections = spring.stiffness * h * response * SOFT_SPRING > 1.0;
         }
     }
 
@@ -538,7 +534,7 @@ impl<'a> Articulation<'a> {
         let (equations, correction) = (&self.motion.equations, &mut self.correction);
         equations.coupled.rates_of(velocities, correction);
         self.is_corrected = true;
-        let most_moved = self.bounds.correction_speed;
+        let most_moved = MAX_CORRECTION_SPEED;
         let mut fastest = correction.angular.length() / most_turned;
         fastest = fastest.or_larger(correction.linear.length() / most_moved);
         for link in equations.tree.links {

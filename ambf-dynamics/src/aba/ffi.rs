@@ -153,10 +153,6 @@ pub struct AmbTreeTable {
         torque: *const Vector<f64>,
         row: *mut f64,
     ),
-    /// `set_correction`.
-    pub set_correction: unsafe extern "C" fn(tree: *mut AmbTree, z: *const f64, most_turned: f64) -> f64,
-    /// `scale_correction`.
-    pub scale_correction: unsafe extern "C" fn(tree: *mut AmbTree, factor: f64),
     /// `finish`, with the impulses of the rows of its joints.
     pub finish: unsafe extern "C" fn(tree: *mut AmbTree, h: f64, z: *const f64, impulses: *const f64),
     /// `read_rates`.
@@ -190,8 +186,6 @@ pub fn table() -> &'static AmbTreeTable {
         rows,
         write_rows,
         add_to_row,
-        set_correction,
-        scale_correction,
         finish,
         read_rates,
         note_energy,
@@ -423,16 +417,6 @@ unsafe extern "C" fn add_to_row(
         equations.tree.add_jacobian(body as usize, *force, *torque, false, row);
         equations.coupled.normalise(row);
     }
-}
-
-unsafe extern "C" fn set_correction(tree: *mut AmbTree, z: *const f64, most_turned: f64) -> f64 {
-    // SAFETY: by the contract of the table.
-    unsafe { of(tree).set_correction(part(z, (*tree).coordinates as usize + 6), most_turned) }
-}
-
-unsafe extern "C" fn scale_correction(tree: *mut AmbTree, factor: f64) {
-    // SAFETY: by the contract of the table.
-    unsafe { of(tree).scale_correction(factor) }
 }
 
 unsafe extern "C" fn finish(tree: *mut AmbTree, h: f64, z: *const f64, impulses: *const f64) {

@@ -131,13 +131,7 @@ impl World {
             terms: &terms,
             ends: &ends,
             offsets: &offsets,
-            bounds: Bounds {
-                correction_speed: 10.0,
-                return_speed: 1.0,
-                return_rate: 5.0,
-                limit_erp: 0.2,
-                soft_spring: 1000.0,
-            },
+            bounds: Bounds { return_speed: 1.0, return_rate: 5.0, limit_erp: 0.2 },
         };
         let mut of = Articulation::new(&mut Leaked, &plan);
         let (angular, linear) = (vector(&numbers.three()), vector(&numbers.three()));

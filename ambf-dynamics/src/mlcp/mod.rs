@@ -41,7 +41,6 @@ mod coordinates;
 mod descent;
 mod elimination;
 mod factor;
-pub mod ffi;
 mod free;
 mod free_factor;
 mod iterate;
@@ -58,4 +57,5 @@ mod vector;
 mod velocity_factor;
 
 pub use problem::{ConstraintRow, Friction, ProblemError, Row, Side, State};
+pub(crate) use solver::Softness;
 pub use solver::{Budget, Outcome, Solver, Statistics};

@@ -157,7 +157,7 @@ impl Best {
 
 /// CFM of a position problem.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Softness {
+pub(crate) struct Softness {
     /// Least CFM of a row, as a share of its diagonal.
     pub share: f64,
     /// Multiple of the CFM of all rows but springs.
@@ -351,7 +351,7 @@ impl Solver {
     }
 
     /// The same with a target, if not the row's own, and a guess for each row.
-    pub(super) fn solve_positions_with(
+    pub(crate) fn solve_positions_with(
         &mut self,
         target: impl Fn(usize) -> Option<f64>,
         guess: impl Fn(usize) -> State,
