@@ -18,6 +18,12 @@ def start(port):
     rospy.init_node("tests", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
 
 
+def set_parameter(name, value):
+    """Sets a parameter of the simulator when it is there: what was set before the simulator writes it would be overwritten."""
+    harness.wait_for(lambda: rospy.has_param(name), f"the parameter {name}")
+    rospy.set_param(name, value)
+
+
 def service(name, kind):
     """A service, once it is there: a node registers its services with the master after its topics."""
     rospy.wait_for_service(name, timeout=harness.PATIENCE_S)

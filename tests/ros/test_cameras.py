@@ -265,7 +265,7 @@ class Images(Seen):
             return sum(name_of(pixel(image, x, 24)) == "red" for x in range(64))
 
         before = width(self.image("cam"))
-        rospy.set_param(f"{CAMERAS}/cam/field_view_angle", ANGLE / 2)
+        node.set_parameter(f"{CAMERAS}/cam/field_view_angle", ANGLE / 2)
         expected = before * math.tan(ANGLE / 2) / math.tan(ANGLE / 4)
         images.until(lambda image: abs(width(image) - expected) <= 2, f"about {expected:.0f} pixels")
 

@@ -211,7 +211,7 @@ class Commands(Driven):
             with self.subTest(name), node.Stream(f"{name}/Command", command):
                 for _ in range(20):
                     self.assertAlmostEqual(listener.next().pose.position.y, 0.75, places=6)
-            rospy.set_param(f"{name}/parent_name", "BODY Free")
+            node.set_parameter(f"{name}/parent_name", "BODY Free")
             listener.until(lambda state: state.parent_name.data == "BODY Free", "it has a parent")
 
     def test_pose_of_a_static_body(self):

@@ -355,7 +355,7 @@ class Parents(Simulated):
         """Sets the parameter until the state says that it was read: at its start the simulator writes its own value over it."""
 
         def read():
-            rospy.set_param(f"{HEADLAMP}/{name}/parent_name", parent)
+            node.set_parameter(f"{HEADLAMP}/{name}/parent_name", parent)
             return listener.next().parent_name.data == parent
 
         harness.wait_for(read, f"{name} has read its parent {parent}")
@@ -381,7 +381,7 @@ class Parents(Simulated):
         ):
             self.hang(self.lamp, "lamp", parent)
             self.wait_for_log(f"parent `{parent}` is {text}")
-        rospy.set_param(f"{HEADLAMP}/lamp/parent_name", 7)
+        node.set_parameter(f"{HEADLAMP}/lamp/parent_name", 7)
         self.wait_for_log("parent_name: expected text")
         self.hang(self.lamp, "lamp", "BODY post")
         self.pass_time(0.2)
