@@ -19,11 +19,11 @@ fn settings(entries: &[(&str, &str)]) -> Settings {
     Settings::new(entries.iter().enumerate().map(entry).collect::<BTreeMap<_, _>>(), "no/such".into())
 }
 
-/// A driver with two fakes: both home in half a second, then rest 1 cm to the right and 1 cm to the left.
+/// A driver with two fakes: both home in two seconds at most, also on a busy machine, then rest 1 cm to the right and 1 cm to the left.
 fn bench() -> (FalconDriver, Vec<FakeFalcon>) {
     let setup = |identity: &str, right: f64| {
         let script = move |time: f64| {
-            let out = if time < 0.5 { 0.03 * (4.0 * std::f64::consts::PI * time).sin() } else { 0.0 };
+            let out = if time < 2.0 { 0.03 * (4.0 * std::f64::consts::PI * time).sin() } else { 0.0 };
             Aim { position: Vector3::new(out, right, 0.0), grip: 0x4 }
         };
         Setup { hand: Hand::firm(Arc::new(script)), ..Setup::new(identity) }
